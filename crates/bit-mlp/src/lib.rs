@@ -1,0 +1,1 @@
+//! Multilayer perceptrons on binary inputs over one flat parameter slice.

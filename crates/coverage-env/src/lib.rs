@@ -1,0 +1,1 @@
+//! Coverage path planning on a grid: levels, environment, planners.

@@ -1,0 +1,1 @@
+//! Loss of plasticity in reinforcement learning on coverage path planning.
