@@ -235,7 +235,7 @@ pub struct CoverageEnv {
 impl CoverageEnv {
     /// An environment at the level's first start; [`reset`](CoverageEnv::reset) draws one.
     ///
-    /// With a `max_steps` of 0 or 1, every episode is over after its first step.
+    /// An episode has at least one step: a `max_steps` of 0 means 1.
     pub fn new(level: Arc<Level>, max_steps: u32) -> CoverageEnv {
         let mut state = State {
             agent: 0,

@@ -9,6 +9,7 @@
 //! | [`env`](mod@env) | [`CoverageEnv`] and [`State`]: reset and step (the rules) |
 //! | [`observation`] | how a state becomes a `[4, H, W]` array, dense or as the indices of its ones |
 //! | [`vec_env`] | [`VecEnv`]: environments stepped together, with automatic resets |
+//! | [`planner`] | random, greedy A* and the proved optimum, behind one trait |
 //! | [`random`] | uniform draws that depend on no library's sampling internals |
 //!
 //! ```
@@ -34,6 +35,7 @@ pub mod cell_set;
 pub mod env;
 pub mod level;
 pub mod observation;
+pub mod planner;
 pub mod random;
 pub mod vec_env;
 
@@ -42,4 +44,5 @@ pub use cell_set::CellSet;
 pub use env::{CoverageEnv, MAX_STEPS, StartError, State, StateError, Step};
 pub use level::{BUILTIN_IDS, Cell, Level, LevelDefect, LevelError};
 pub use observation::Observation;
+pub use planner::{EpisodeResult, PlanError, Planner, replay};
 pub use vec_env::{EpisodeEnd, VecEnv, VecStep};

@@ -46,7 +46,7 @@ pub struct VecEnv<R> {
 }
 
 impl<R: Rng> VecEnv<R> {
-    /// One environment for each generator, each reset with its own.
+    /// One environment for each generator, each reset with its own. A `max_steps` of 0 means 1.
     pub fn new(level: Arc<Level>, max_steps: u32, mut rngs: Vec<R>) -> VecEnv<R> {
         let mut env = crate::CoverageEnv::new(Arc::clone(&level), max_steps);
         let states = (rngs.iter_mut())
@@ -55,7 +55,7 @@ impl<R: Rng> VecEnv<R> {
                 env.state().clone()
             })
             .collect();
-        VecEnv::assemble(level, max_steps, states, rngs)
+        VecEnv::assemble(level, max_steps.max(1), states, rngs)
     }
 
     /// Environments that go on where others stood, given their [`states`](VecEnv::states) and
@@ -70,13 +70,14 @@ impl<R: Rng> VecEnv<R> {
         states: Vec<State>,
         rngs: Vec<R>,
     ) -> Result<VecEnv<R>, StateError> {
+        let max_steps = max_steps.max(1);
         if states.len() != rngs.len() {
             return Err(StateError::COUNT);
         }
         for state in &states {
             state.check(&level, max_steps)?;
             // An episode that is over would have been reset.
-            if state.remaining == 0 || (state.steps > 0 && state.steps >= max_steps) {
+            if state.remaining == 0 || state.steps >= max_steps {
                 return Err(StateError::OVER);
             }
         }

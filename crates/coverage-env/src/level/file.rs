@@ -96,7 +96,7 @@ fn parse_file(source: &str, bytes: &[u8]) -> Result<Level, LevelDefect> {
     let options = serde_saphyr::options! { with_snippet: false };
     let file: Option<LevelFile> =
         serde_saphyr::from_str_with_options(text, options).map_err(|error| LevelDefect::Yaml {
-            message: error.to_string(),
+            message: error.render_with_formatter(&serde_saphyr::UserMessageFormatter),
         })?;
     let file = file.unwrap_or(LevelFile {
         name: None,

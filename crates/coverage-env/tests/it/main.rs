@@ -1,0 +1,8 @@
+//! Tests of the crate through its public interface, in one binary.
+
+mod environment;
+mod levels;
+mod observation;
+mod planners;
+mod support;
+mod vec_env;
