@@ -89,8 +89,17 @@ impl Level {
 
     /// As [`from_map`](Level::from_map), leaving it to the caller to say where the map came from.
     fn parse(name: &str, map: &str) -> Result<Level, LevelDefect> {
-        validate::check_name(name)?;
         let (width, cells) = validate::parse_cells(map)?;
+        Level::from_cells(name, width, cells)
+    }
+
+    /// Validates `cells`, full rows of `width` each, at most [`MAX_CELLS`] in all.
+    pub(crate) fn from_cells(
+        name: &str,
+        width: usize,
+        cells: Box<[Cell]>,
+    ) -> Result<Level, LevelDefect> {
+        validate::check_name(name)?;
         let height = cells.len() / width;
         let neighbors = neighbor_table(&cells, height, width);
         validate::check_connected(&cells, width, &neighbors)?;
@@ -231,7 +240,11 @@ impl Level {
 
 /// Where each action leads from each cell: itself if the way is barred, and always itself from a
 /// wall. Cells fit `u16` since there are at most [`MAX_CELLS`].
-fn neighbor_table(cells: &[Cell], height: usize, width: usize) -> Box<[[u16; Action::COUNT]]> {
+pub(crate) fn neighbor_table(
+    cells: &[Cell],
+    height: usize,
+    width: usize,
+) -> Box<[[u16; Action::COUNT]]> {
     let destination = |cell: usize, action: Action| {
         let (row_step, column_step) = action.offset();
         let row = (cell / width)

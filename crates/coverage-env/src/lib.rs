@@ -10,6 +10,8 @@
 //! | [`observation`] | how a state becomes a `[4, H, W]` array, dense or as the indices of its ones |
 //! | [`vec_env`] | [`VecEnv`]: environments stepped together, with automatic resets |
 //! | [`planner`] | random, greedy A* and the proved optimum, behind one trait |
+//! | [`generator`] | random solvable levels |
+//! | [`render`](mod@render) | a state as text |
 //! | [`random`] | uniform draws that depend on no library's sampling internals |
 //!
 //! ```
@@ -33,10 +35,12 @@
 pub mod action;
 pub mod cell_set;
 pub mod env;
+pub mod generator;
 pub mod level;
 pub mod observation;
 pub mod planner;
 pub mod random;
+pub mod render;
 pub mod vec_env;
 
 pub use action::Action;

@@ -86,6 +86,18 @@ impl Level {
     pub fn from_yaml(source: &str, bytes: &[u8]) -> Result<Level, LevelError> {
         parse_file(source, bytes).map_err(|defect| LevelError::new(source, defect))
     }
+
+    /// The text of a file from which [`from_yaml`](Level::from_yaml) reads an equal level.
+    pub fn to_yaml(&self) -> String {
+        // Of what double quotes give a meaning to, a name can have but the quotes themselves.
+        let name = self.name().replace('"', "\\\"");
+        let rows: String = self
+            .to_map()
+            .lines()
+            .map(|row| format!("  {row}\n"))
+            .collect();
+        format!("name: \"{name}\"\nmap: |\n{rows}")
+    }
 }
 
 fn parse_file(source: &str, bytes: &[u8]) -> Result<Level, LevelDefect> {
