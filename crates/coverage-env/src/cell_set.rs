@@ -60,13 +60,14 @@ impl CellSet {
     }
 
     /// The cells of the set, ascending.
-    pub fn iter(&self) -> impl Iterator<Item = usize> + '_ {
-        self.words().iter().enumerate().flat_map(|(index, &word)| {
-            let lowest_dropped = |&rest: &u64| Some(rest & rest.wrapping_sub(1));
-            std::iter::successors(Some(word), lowest_dropped)
-                .take_while(|&rest| rest != 0)
-                .map(move |rest| index * 64 + rest.trailing_zeros() as usize)
-        })
+    #[inline]
+    pub fn iter(&self) -> Cells<'_> {
+        let (&bits, later) = self.words().split_first().unwrap_or((&0, &[]));
+        Cells {
+            bits,
+            base: 0,
+            later,
+        }
     }
 
     /// The words, lowest cells first.
@@ -84,6 +85,32 @@ impl CellSet {
             Words::One(word) => std::slice::from_mut(word),
             Words::Many(words) => words,
         }
+    }
+}
+
+/// The cells of a [`CellSet`], ascending.
+#[derive(Clone, Debug)]
+pub struct Cells<'a> {
+    /// What is left of the current word.
+    bits: u64,
+    /// The cell of the current word's lowest bit.
+    base: usize,
+    later: &'a [u64],
+}
+
+impl Iterator for Cells<'_> {
+    type Item = usize;
+
+    #[inline]
+    fn next(&mut self) -> Option<usize> {
+        while self.bits == 0 {
+            let (&bits, later) = self.later.split_first()?;
+            (self.bits, self.later) = (bits, later);
+            self.base += 64;
+        }
+        let cell = self.base + self.bits.trailing_zeros() as usize;
+        self.bits &= self.bits - 1;
+        Some(cell)
     }
 }
 

@@ -70,12 +70,12 @@ impl<'a> Observation<'a> {
     pub fn push_active(&self, out: &mut Vec<u16>) {
         let cells = self.level.len();
         out.push((cells + usize::from(self.state.agent)) as u16);
-        out.extend(
-            self.state
-                .visited
-                .iter()
-                .map(|cell| (3 * cells + cell) as u16),
-        );
+        // Room is made once, so that the loop has no capacity to check.
+        let first = out.len();
+        out.resize(first + self.state.visited.count(), 0);
+        for (input, cell) in out[first..].iter_mut().zip(self.state.visited.iter()) {
+            *input = (3 * cells + cell) as u16;
+        }
     }
 }
 
@@ -92,15 +92,17 @@ const NIBBLES: [[f32; 4]; 16] = {
 };
 
 /// Writes bit `i` of `words` to `out[i]`.
+#[inline]
 fn write_bits(words: &[u64], out: &mut [f32]) {
-    for (&word, out) in words.iter().zip(out.chunks_mut(64)) {
-        let mut bits = word;
-        let mut quads = out.chunks_exact_mut(4);
-        for quad in &mut quads {
-            quad.copy_from_slice(&NIBBLES[(bits & 15) as usize]);
-            bits >>= 4;
+    let (full, rest) = out.as_chunks_mut::<64>();
+    for (&word, out) in words.iter().zip(full) {
+        let (quads, _) = out.as_chunks_mut::<4>();
+        for (index, quad) in quads.iter_mut().enumerate() {
+            *quad = NIBBLES[(word >> (4 * index) & 15) as usize];
         }
-        let rest = quads.into_remainder();
-        rest.copy_from_slice(&NIBBLES[(bits & 15) as usize][..rest.len()]);
+    }
+    let last = words.last().copied().unwrap_or(0);
+    for (index, value) in rest.iter_mut().enumerate() {
+        *value = f32::from((last >> index & 1) as u8);
     }
 }
