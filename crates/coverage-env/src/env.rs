@@ -159,14 +159,8 @@ impl State {
     ///
     /// No one has to keep count: an episode's steps and targets tell it.
     pub fn return_so_far(&self, level: &Level) -> i64 {
-        let targets = level.targets().len() as i64 - i64::from(self.remaining);
-        let steps = i64::from(self.steps);
-        let completion = if self.remaining == 0 {
-            i64::from(COMPLETION_REWARD)
-        } else {
-            0
-        };
-        i64::from(STEP_REWARD) * (steps - targets) + i64::from(TARGET_REWARD) * targets + completion
+        let visited = level.targets().len() as u32 - self.remaining;
+        episode_return(self.steps, visited, self.remaining == 0)
     }
 
     /// Checks that this can be a state of an episode on `level` of at most `max_steps` steps.
@@ -178,6 +172,7 @@ impl State {
         let words = self.visited.words();
         let (open, targets) = (level.open_cells().words(), level.target_cells().words());
         let outside = |(word, open): (&u64, &u64)| word & !open != 0;
+        let free = |(word, target): (&u64, &u64)| word & !target != 0;
         let unvisited = |(word, target): (&u64, &u64)| (target & !word).count_ones();
         let rules = [
             (agent < level.len(), "the agent is outside the map"),
@@ -194,6 +189,10 @@ impl State {
                     .get(agent / 64)
                     .is_some_and(|word| word >> (agent % 64) & 1 == 1),
                 "the agent's own cell is not visited",
+            ),
+            (
+                words.iter().zip(targets).any(free),
+                "no cell is visited that it can have started on",
             ),
             (
                 words.iter().zip(targets).map(unvisited).sum::<u32>() == self.remaining,
@@ -306,6 +305,15 @@ impl CoverageEnv {
     pub fn step(&mut self, action: Action) -> Step {
         self.state.advance(&self.level, self.max_steps, action)
     }
+}
+
+/// The return of `steps` steps of which `visited` went to new targets, the last one if `solved`.
+pub(crate) fn episode_return(steps: u32, visited: u32, solved: bool) -> i64 {
+    let (steps, visited) = (i64::from(steps), i64::from(visited));
+    let completion = if solved { COMPLETION_REWARD } else { 0 };
+    i64::from(STEP_REWARD) * (steps - visited)
+        + i64::from(TARGET_REWARD) * visited
+        + i64::from(completion)
 }
 
 /// A start of `level`, uniformly.

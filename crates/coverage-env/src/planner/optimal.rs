@@ -5,7 +5,7 @@ mod tours;
 use super::{PlanError, Planner};
 use crate::action::Action;
 use crate::cell_set::CellSet;
-use crate::env::{COMPLETION_REWARD, STEP_REWARD, State, TARGET_REWARD};
+use crate::env::{State, episode_return};
 use crate::level::{Cell, Level};
 use tours::Tours;
 
@@ -76,14 +76,7 @@ impl Optimal {
             Some(walk) if walk.targets == level.targets().len() => (true, walk.length),
             _ => (false, limit),
         };
-        let completion = if solved {
-            i64::from(COMPLETION_REWARD)
-        } else {
-            0
-        };
-        let return_ = i64::from(TARGET_REWARD) * i64::from(visited)
-            + i64::from(STEP_REWARD) * i64::from(length - visited)
-            + completion;
+        let return_ = episode_return(length, visited, solved);
         Ok(Optimum {
             return_,
             length,

@@ -187,6 +187,63 @@ fn episodes_start_only_on_free_cells() {
 }
 
 #[test]
+fn states_that_cannot_be_are_refused() {
+    let level = Arc::new(Level::from_map("small", "..#\n.TT").unwrap());
+    let mut env = CoverageEnv::new(Arc::clone(&level), MAX_STEPS);
+    let good = State {
+        agent: 4,
+        visited: vec![0b010010].into(),
+        remaining: 1,
+        steps: 3,
+    };
+    assert_eq!(env.set_state(good.clone()), Ok(()));
+    let mut refused = |change: &dyn Fn(&mut State)| {
+        let mut state = good.clone();
+        change(&mut state);
+        let error = env.set_state(state).unwrap_err().to_string();
+        assert_eq!(env.state(), &good);
+        error
+            .strip_prefix("not a state of the level: ")
+            .unwrap()
+            .to_owned()
+    };
+    assert_eq!(
+        refused(&|state| state.agent = 6),
+        "the agent is outside the map"
+    );
+    assert_eq!(
+        refused(&|state| state.visited = vec![0b010010, 0].into()),
+        "its visited cells belong to a map of another size"
+    );
+    for bits in [0b010110, 0b1010010] {
+        assert_eq!(
+            refused(&|state| state.visited = vec![bits].into()),
+            "a visited cell is a wall or outside the map"
+        );
+    }
+    assert_eq!(
+        refused(&|state| state.agent = 3),
+        "the agent's own cell is not visited"
+    );
+    assert_eq!(
+        refused(&|state| state.visited = vec![0b010000].into()),
+        "no cell is visited that it can have started on"
+    );
+    assert_eq!(
+        refused(&|state| state.remaining = 2),
+        "the number of remaining targets contradicts the visited cells"
+    );
+    assert_eq!(
+        refused(&|state| state.steps = 201),
+        "it has more steps than the step limit allows"
+    );
+    assert_eq!(
+        refused(&|state| state.steps = 0),
+        "it has visited more cells than its steps allow"
+    );
+}
+
+#[test]
 fn starts_are_uniform() {
     let level = builtin("4");
     let mut env = CoverageEnv::new(Arc::clone(&level), MAX_STEPS);
