@@ -1,0 +1,144 @@
+//! The gradient of the parameters, derived by hand.
+
+use crate::activation::Differentiate;
+use crate::batch::Batch;
+use crate::buffer::{Buffer, padded};
+use crate::first_layer::{ScatterRows, SumSamples};
+use crate::forward::Workspace;
+use crate::matmul::{Left, Matmul};
+use crate::mlp::{Layer, Mlp};
+
+impl Mlp {
+    /// The gradient of the loss with respect to this network's parameters, written over `grads[self.range()]`.
+    ///
+    /// `d_outputs` `[B, outputs]` is the gradient of the loss with respect to the outputs of the
+    /// [`forward`](Self::forward) pass that went before, with the same `params`, `batch` and `workspace`. `grads` is flat
+    /// like `params`, and nothing of it outside of the network's range is touched.
+    ///
+    /// With `x` what enters a layer, `δ` the gradient at what it computes before activation, and `b` the samples:
+    /// `∂bias = Σ_b δ_b`, `∂weight = xᵀ δ`, and one layer down `δ' = (δ weightᵀ) ⊙ activation'`. In the first layer `x` is
+    /// bits: `δ_b` is added to the rows of sample `b`'s active inputs, and the rows of the constant inputs all equal `∂bias`.
+    ///
+    /// # Panics
+    /// If the shapes do not fit, or `workspace` did not just serve a forward pass of as many samples.
+    pub fn backward(
+        &self,
+        params: &[f32],
+        batch: Batch<'_>,
+        d_outputs: &[f32],
+        workspace: &mut Workspace,
+        grads: &mut [f32],
+    ) {
+        let Workspace {
+            arch,
+            activations,
+            deltas,
+            transposed,
+            gradient,
+            ..
+        } = workspace;
+        let last = self.num_layers() - 1;
+        assert_eq!(
+            d_outputs.len(),
+            batch.len() * self.outputs(),
+            "d_outputs is [B, outputs]"
+        );
+        assert_eq!(
+            activations[last].len(),
+            batch.len() * padded(self.outputs()),
+            "the forward pass had another shape"
+        );
+
+        deltas.resize_with(self.num_layers(), Buffer::default);
+        deltas[last].copy_padded(d_outputs, self.outputs());
+        for (index, layer) in self
+            .layers()
+            .enumerate()
+            .collect::<Vec<_>>()
+            .into_iter()
+            .rev()
+        {
+            let (inputs, outputs) = (padded(layer.inputs), padded(layer.outputs));
+            let (lower, upper) = deltas.split_at_mut(index);
+            let delta = &*upper[0];
+
+            // ∂bias, in the padded scratch because its kernel has no tails.
+            gradient.resize(outputs);
+            gradient.fill(0.0);
+            arch.dispatch(SumSamples {
+                deltas: delta,
+                out: gradient,
+            });
+            grads[layer.bias.clone()].copy_from_slice(&gradient[..layer.outputs]);
+
+            let Some(lower) = lower.last_mut() else {
+                first_weight(batch, &layer, grads);
+                let (width, gradient) = (layer.outputs, &mut grads[layer.weight]);
+                arch.dispatch(ScatterRows {
+                    deltas: delta,
+                    width,
+                    samples: batch.samples(),
+                    gradient,
+                });
+                continue;
+            };
+            let input = &*activations[index - 1];
+
+            // ∂weight = xᵀ δ
+            gradient.resize(inputs * outputs);
+            let left = Left {
+                data: input,
+                row: 1,
+                column: inputs,
+            };
+            let (depth, width, out) = (batch.len(), outputs, &mut **gradient);
+            arch.dispatch(Matmul {
+                left,
+                right: delta,
+                initial: None,
+                depth,
+                width,
+                out,
+            });
+            let rows = grads[layer.weight.clone()].chunks_exact_mut(layer.outputs);
+            for (to, from) in rows.zip(gradient.chunks_exact(outputs)) {
+                to.copy_from_slice(&from[..layer.outputs]);
+            }
+
+            // δ' = (δ weightᵀ) ⊙ activation'
+            transposed.copy_transposed(&params[layer.weight.clone()], layer.outputs);
+            lower.resize(batch.len() * inputs);
+            let left = Left {
+                data: delta,
+                row: outputs,
+                column: 1,
+            };
+            let (depth, width) = (layer.outputs, inputs);
+            arch.dispatch(Matmul {
+                left,
+                right: transposed,
+                initial: None,
+                depth,
+                width,
+                out: lower,
+            });
+            arch.dispatch(Differentiate {
+                activation: self.activation(),
+                activated: input,
+                gradients: lower,
+            });
+        }
+    }
+}
+
+/// The constant inputs' part of the first layer's weight gradient, which is the bias' gradient; zeros elsewhere.
+fn first_weight(batch: Batch<'_>, layer: &Layer, grads: &mut [f32]) {
+    grads[layer.weight.clone()].fill(0.0);
+    let (weight, bias) = grads[layer.weight.start..layer.bias.end].split_at_mut(layer.weight.len());
+    for &index in batch.constant() {
+        let row = &mut weight[usize::from(index) * layer.outputs..][..layer.outputs];
+        for (sum, &shared) in row.iter_mut().zip(&*bias) {
+            *sum += shared;
+        }
+    }
+}

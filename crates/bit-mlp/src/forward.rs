@@ -1,0 +1,211 @@
+//! From bits to outputs: for a batch, keeping what the gradient needs, and for one sample, as fast as can be.
+
+use pulp::Arch;
+
+use crate::activation::Activate;
+use crate::batch::Batch;
+use crate::buffer::{Buffer, padded};
+use crate::first_layer::SumRows;
+use crate::matmul::{Left, Matmul};
+use crate::mlp::Mlp;
+
+/// Memory for [`Mlp::forward`] and [`Mlp::backward`]. It grows to the largest network and batch it has seen, and can
+/// serve any; between a forward pass and its backward pass it must serve no other.
+#[derive(Clone, Debug)]
+pub struct Workspace {
+    pub(crate) arch: Arch,
+    pub(crate) packed: Packed,
+    /// Per layer `[B, padded(outputs)]`: what leaves it, activated unless it is the last.
+    pub(crate) activations: Vec<Buffer>,
+    /// `[B, outputs]`
+    outputs: Vec<f32>,
+    /// Per layer `[B, padded(outputs)]`: the loss gradient of what the layer computes before activation.
+    pub(crate) deltas: Vec<Buffer>,
+    /// `[outputs, padded(inputs)]`: the transposed weight of the layer at hand.
+    pub(crate) transposed: Buffer,
+    /// `[inputs, padded(outputs)]`: the weight gradient of the layer at hand.
+    pub(crate) gradient: Buffer,
+}
+
+impl Default for Workspace {
+    fn default() -> Self {
+        Self::with_arch(Arch::new())
+    }
+}
+
+impl Workspace {
+    pub(crate) fn with_arch(arch: Arch) -> Self {
+        Self {
+            arch,
+            packed: Packed::default(),
+            activations: Vec::new(),
+            outputs: Vec::new(),
+            deltas: Vec::new(),
+            transposed: Buffer::default(),
+            gradient: Buffer::default(),
+        }
+    }
+}
+
+/// What a forward pass needs of the parameters, apart from the first layer's weight: rows padded to whole lines, so that
+/// the kernels have no tails and their loads straddle no lines.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Packed {
+    /// `[padded(outputs)]` of the first layer: its bias plus the weights of the constant inputs.
+    constant_sum: Buffer,
+    /// Per layer `[padded(outputs)]`.
+    biases: Vec<Buffer>,
+    /// Per layer `[inputs, padded(outputs)]`; nothing for the first, whose weight is read where it lies.
+    weights: Vec<Buffer>,
+}
+
+impl Packed {
+    fn pack(&mut self, arch: Arch, mlp: &Mlp, params: &[f32], constant: &[u16]) {
+        self.biases.resize_with(mlp.num_layers(), Buffer::default);
+        self.weights.resize_with(mlp.num_layers(), Buffer::default);
+        for (index, layer) in mlp.layers().enumerate() {
+            self.biases[index].copy_padded(&params[layer.bias], layer.outputs);
+            if index > 0 {
+                self.weights[index].copy_padded(&params[layer.weight], layer.outputs);
+                continue;
+            }
+            // The constant inputs are one sample, whose sum starts from the bias.
+            self.constant_sum.resize(padded(layer.outputs));
+            arch.dispatch(SumRows {
+                weight: &params[layer.weight],
+                width: layer.outputs,
+                initial: &self.biases[0],
+                samples: std::iter::once(constant),
+                out: &mut self.constant_sum,
+            });
+        }
+    }
+
+    /// Runs the network on `samples`, `B` of them; `activations` become per layer `[B, padded(outputs)]`.
+    ///
+    /// Both ways to an output end here, which is why they agree bit for bit.
+    fn run<'a>(
+        &self,
+        arch: Arch,
+        mlp: &Mlp,
+        params: &[f32],
+        samples: impl ExactSizeIterator<Item = &'a [u16]> + Clone,
+        activations: &mut Vec<Buffer>,
+    ) {
+        activations.resize_with(mlp.num_layers(), Buffer::default);
+        for (index, layer) in mlp.layers().enumerate() {
+            let (before, after) = activations.split_at_mut(index);
+            let out = &mut after[0];
+            let width = padded(layer.outputs);
+            out.resize(samples.len() * width);
+            if let Some(input) = before.last() {
+                let left = Left {
+                    data: input,
+                    row: padded(layer.inputs),
+                    column: 1,
+                };
+                let (right, initial) = (&*self.weights[index], Some(&*self.biases[index]));
+                arch.dispatch(Matmul {
+                    left,
+                    right,
+                    initial,
+                    depth: layer.inputs,
+                    width,
+                    out,
+                });
+            } else {
+                arch.dispatch(SumRows {
+                    weight: &params[layer.weight],
+                    width: layer.outputs,
+                    initial: &self.constant_sum,
+                    samples: samples.clone(),
+                    out,
+                });
+            }
+            if index + 1 < mlp.num_layers() {
+                arch.dispatch(Activate {
+                    activation: mlp.activation(),
+                    values: out,
+                });
+            }
+        }
+    }
+}
+
+impl Mlp {
+    /// The outputs `[B, outputs]` of the network, row-major, for the samples of `batch`; `params` is the whole flat slice.
+    ///
+    /// What [`backward`](Self::backward) needs stays in `workspace`.
+    pub fn forward<'w>(
+        &self,
+        params: &[f32],
+        batch: Batch<'_>,
+        workspace: &'w mut Workspace,
+    ) -> &'w [f32] {
+        let Workspace {
+            arch,
+            packed,
+            activations,
+            outputs,
+            ..
+        } = workspace;
+        packed.pack(*arch, self, params, batch.constant());
+        packed.run(*arch, self, params, batch.samples(), activations);
+        outputs.clear();
+        let last = &activations[self.num_layers() - 1];
+        for row in last.chunks_exact(padded(self.outputs())) {
+            outputs.extend_from_slice(&row[..self.outputs()]);
+        }
+        outputs
+    }
+}
+
+/// A network made ready to act: one sample at a time, while its parameters and the constant inputs stay the same.
+///
+/// What depends on those alone is computed once, so that a sample costs a fraction of a microsecond. The outputs are
+/// those of [`Mlp::forward`] bit for bit: a policy's log-probabilities of a rollout, computed again in a batch, do not move.
+#[derive(Clone, Debug)]
+pub struct Prepared {
+    mlp: Mlp,
+    arch: Arch,
+    packed: Packed,
+    activations: Vec<Buffer>,
+}
+
+impl Prepared {
+    /// Prepares the network for these parameters (the whole flat slice) and constant inputs.
+    pub fn new(mlp: &Mlp, params: &[f32], constant: &[u16]) -> Self {
+        Self::with_arch(Arch::new(), mlp, params, constant)
+    }
+
+    fn with_arch(arch: Arch, mlp: &Mlp, params: &[f32], constant: &[u16]) -> Self {
+        let mut prepared = Self {
+            mlp: mlp.clone(),
+            arch,
+            packed: Packed::default(),
+            activations: Vec::new(),
+        };
+        prepared.refresh(params, constant);
+        prepared
+    }
+
+    /// Prepares the network anew, after an update of the parameters or on another map. Allocates nothing.
+    pub fn refresh(&mut self, params: &[f32], constant: &[u16]) {
+        self.packed.pack(self.arch, &self.mlp, params, constant);
+    }
+
+    /// The outputs `[outputs]` for one sample with these active inputs beside the constant ones.
+    ///
+    /// `params` must be those of the last [`refresh`](Self::refresh): the first layer's weight is read from them, the
+    /// rest from the preparation.
+    pub fn forward_one(&mut self, params: &[f32], active: &[u16]) -> &[f32] {
+        self.packed.run(
+            self.arch,
+            &self.mlp,
+            params,
+            std::iter::once(active),
+            &mut self.activations,
+        );
+        &self.activations[self.mlp.num_layers() - 1][..self.mlp.outputs()]
+    }
+}

@@ -1,0 +1,313 @@
+//! Forward and backward against a plain reference in `f64`, and the reference's gradient against finite differences.
+
+use std::iter;
+
+use bit_mlp::{Activation, BitBatch, Mlp, Prepared, Workspace};
+use chacha20::ChaCha8Rng;
+use rand::{RngExt, SeedableRng};
+
+/// A random network with parameters, samples and a loss gradient at the outputs.
+struct Case {
+    mlp: Mlp,
+    params: Vec<f32>,
+    batch: BitBatch,
+    /// `[B, outputs]`
+    d_outputs: Vec<f32>,
+}
+
+impl Case {
+    fn random(rng: &mut ChaCha8Rng) -> Self {
+        let depth = rng.random_range(0..=3);
+        let sizes: Vec<usize> = iter::repeat_with(|| rng.random_range(1..=70))
+            .take(depth + 2)
+            .collect();
+        let activation = if rng.random() {
+            Activation::Tanh
+        } else {
+            Activation::Relu
+        };
+        let mlp = Mlp::new(&sizes, activation, rng.random_range(0..40));
+        let params = uniform(rng, mlp.range().end + 5, 0.4);
+
+        let mut batch = BitBatch::default();
+        let constant_share = if rng.random() { 0.2 } else { 0.0 };
+        let (constant, free): (Vec<u16>, Vec<u16>) =
+            (0..mlp.inputs() as u16).partition(|_| rng.random_bool(constant_share));
+        batch.set_constant(&constant);
+        for _ in 0..rng.random_range(1..=70) {
+            let share = rng.random_range(0.0..0.5);
+            batch.push_with(|active| active.extend(free.iter().filter(|_| rng.random_bool(share))));
+        }
+        let d_outputs = uniform(rng, batch.len() * mlp.outputs(), 1.0);
+        Self {
+            mlp,
+            params,
+            batch,
+            d_outputs,
+        }
+    }
+
+    /// `[B, inputs]`
+    fn dense_inputs(&self) -> Vec<Vec<f64>> {
+        let dense = |sample: &[u16]| {
+            let mut input = vec![0.0; self.mlp.inputs()];
+            sample
+                .iter()
+                .chain(self.batch.constant())
+                .for_each(|&index| input[usize::from(index)] = 1.0);
+            input
+        };
+        self.batch.all().samples().map(dense).collect()
+    }
+}
+
+fn uniform(rng: &mut ChaCha8Rng, len: usize, bound: f32) -> Vec<f32> {
+    iter::repeat_with(|| rng.random_range(-bound..bound))
+        .take(len)
+        .collect()
+}
+
+fn widen(values: &[f32]) -> Vec<f64> {
+    values.iter().map(|&value| f64::from(value)).collect()
+}
+
+/// What enters each layer for one input, and last the outputs.
+fn reference_forward(mlp: &Mlp, params: &[f64], input: &[f64]) -> Vec<Vec<f64>> {
+    let mut values = vec![input.to_vec()];
+    for (index, layer) in mlp.layers().enumerate() {
+        let x = &values[index];
+        let weight = &params[layer.weight];
+        let mut y = params[layer.bias].to_vec();
+        for (i, x) in x.iter().enumerate() {
+            for (o, y) in y.iter_mut().enumerate() {
+                *y += x * weight[i * layer.outputs + o];
+            }
+        }
+        if index + 1 < mlp.num_layers() {
+            y.iter_mut().for_each(|y| match mlp.activation() {
+                Activation::Tanh => *y = y.tanh(),
+                Activation::Relu => *y = y.max(0.0),
+            });
+        }
+        values.push(y);
+    }
+    values
+}
+
+/// Adds one sample's gradient to `grads`.
+fn reference_backward(
+    mlp: &Mlp,
+    params: &[f64],
+    input: &[f64],
+    d_output: &[f64],
+    grads: &mut [f64],
+) {
+    let values = reference_forward(mlp, params, input);
+    let mut delta = d_output.to_vec();
+    let layers: Vec<_> = mlp.layers().collect();
+    for (index, layer) in layers.iter().enumerate().rev() {
+        let x = &values[index];
+        let weight = &params[layer.weight.clone()];
+        let mut below = vec![0.0; layer.inputs];
+        for o in 0..layer.outputs {
+            grads[layer.bias.start + o] += delta[o];
+            for i in 0..layer.inputs {
+                grads[layer.weight.start + i * layer.outputs + o] += x[i] * delta[o];
+                below[i] += delta[o] * weight[i * layer.outputs + o];
+            }
+        }
+        for (below, x) in below.iter_mut().zip(x) {
+            *below *= match mlp.activation() {
+                Activation::Tanh => 1.0 - x * x,
+                Activation::Relu => f64::from(*x > 0.0),
+            };
+        }
+        delta = below;
+    }
+}
+
+#[track_caller]
+fn assert_close(ours: &[f32], reference: &[f64], tolerance: f64) {
+    assert_eq!(ours.len(), reference.len());
+    for (index, (&ours, &reference)) in ours.iter().zip(reference).enumerate() {
+        let error = (f64::from(ours) - reference).abs();
+        assert!(
+            error <= tolerance * (1.0 + reference.abs()),
+            "at {index}: {ours} instead of {reference}"
+        );
+    }
+}
+
+#[test]
+fn forward_and_backward_equal_the_reference() {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut workspace = Workspace::default(); // one for all, as networks and batches may take turns
+    for _ in 0..150 {
+        let case = Case::random(&mut rng);
+        let Case {
+            mlp,
+            params,
+            batch,
+            d_outputs,
+        } = &case;
+        let wide = widen(params);
+        let inputs = case.dense_inputs();
+
+        let outputs = mlp.forward(params, batch.all(), &mut workspace);
+        let expected: Vec<f64> = inputs
+            .iter()
+            .flat_map(|x| reference_forward(mlp, &wide, x).pop().expect("outputs"))
+            .collect();
+        assert_close(outputs, &expected, 2e-5);
+
+        let mut grads = vec![7.0; params.len()];
+        mlp.backward(params, batch.all(), d_outputs, &mut workspace, &mut grads);
+        let mut expected = vec![0.0; params.len()];
+        for (x, d_output) in inputs.iter().zip(d_outputs.chunks(mlp.outputs())) {
+            reference_backward(mlp, &wide, x, &widen(d_output), &mut expected);
+        }
+        let range = mlp.range();
+        assert_close(&grads[range.clone()], &expected[range.clone()], 1e-4);
+        assert!(
+            grads[..range.start]
+                .iter()
+                .chain(&grads[range.end..])
+                .all(|&g| g == 7.0),
+            "wrote beyond its range"
+        );
+    }
+}
+
+#[test]
+fn the_reference_gradient_equals_finite_differences() {
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let mlp = Mlp::new(&[9, 7, 5, 3], Activation::Tanh, 0);
+    let params = widen(&uniform(&mut rng, mlp.num_parameters(), 0.8));
+    let input: Vec<f64> = (0..9).map(|index| f64::from(index % 3 == 0)).collect();
+    let d_output = [0.7, -1.1, 0.3];
+    let loss = |params: &[f64]| -> f64 {
+        let outputs = reference_forward(&mlp, params, &input)
+            .pop()
+            .expect("outputs");
+        outputs
+            .iter()
+            .zip(d_output)
+            .map(|(output, d_output)| output * d_output)
+            .sum()
+    };
+    let mut grads = vec![0.0; params.len()];
+    reference_backward(&mlp, &params, &input, &d_output, &mut grads);
+    for (index, gradient) in grads.iter().enumerate() {
+        let shifted = |by: f64| {
+            let mut params = params.clone();
+            params[index] += by;
+            loss(&params)
+        };
+        let difference = (shifted(1e-6) - shifted(-1e-6)) / 2e-6;
+        assert!(
+            (gradient - difference).abs() < 1e-8,
+            "at {index}: {gradient} instead of {difference}"
+        );
+    }
+}
+
+#[test]
+fn one_sample_equals_the_batch_bit_for_bit() {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut workspace = Workspace::default();
+    for _ in 0..100 {
+        let Case {
+            mlp, params, batch, ..
+        } = Case::random(&mut rng);
+        let outputs = mlp.forward(&params, batch.all(), &mut workspace);
+        let mut prepared = Prepared::new(&mlp, &params, batch.constant());
+        for (sample, outputs) in batch.all().samples().zip(outputs.chunks(mlp.outputs())) {
+            assert_eq!(prepared.forward_one(&params, sample), outputs);
+        }
+    }
+}
+
+#[test]
+fn refreshing_equals_preparing_anew() {
+    let mut rng = ChaCha8Rng::seed_from_u64(4);
+    let Case {
+        mlp, params, batch, ..
+    } = Case::random(&mut rng);
+    let mut prepared = Prepared::new(&mlp, &vec![0.5; params.len()], &[0]);
+    prepared.refresh(&params, batch.constant());
+    let mut fresh = Prepared::new(&mlp, &params, batch.constant());
+    assert_eq!(
+        prepared.forward_one(&params, batch.sample(0)),
+        fresh.forward_one(&params, batch.sample(0))
+    );
+}
+
+#[test]
+fn a_selection_equals_a_copy() {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    for _ in 0..30 {
+        let Case {
+            mlp, params, batch, ..
+        } = Case::random(&mut rng);
+        let len = rng.random_range(1..=70);
+        let index = || rng.random_range(0..batch.len() as u32);
+        let selection: Vec<u32> = iter::repeat_with(index).take(len).collect();
+        let mut copy = BitBatch::default();
+        copy.set_constant(batch.constant());
+        selection
+            .iter()
+            .for_each(|&index| copy.push_sample(batch.sample(index as usize)));
+
+        let d_outputs = uniform(&mut rng, selection.len() * mlp.outputs(), 1.0);
+        let [selected, copied] = [batch.select(&selection), copy.all()].map(|batch| {
+            let mut workspace = Workspace::default();
+            let mut grads = vec![0.0; params.len()];
+            let outputs = mlp.forward(&params, batch, &mut workspace).to_vec();
+            mlp.backward(&params, batch, &d_outputs, &mut workspace, &mut grads);
+            (outputs, grads)
+        });
+        assert_eq!(selected, copied);
+    }
+}
+
+#[test]
+fn inputs_that_are_never_active_have_no_gradient() {
+    let mlp = Mlp::new(&[6, 5, 2], Activation::Relu, 0);
+    let mut batch = BitBatch::default();
+    batch.set_constant(&[1]);
+    batch.push_sample(&[3]);
+    batch.push_sample(&[]);
+    let params = vec![0.3; mlp.num_parameters()];
+    let mut grads = vec![f32::NAN; params.len()];
+    let mut workspace = Workspace::default();
+    mlp.forward(&params, batch.all(), &mut workspace);
+    mlp.backward(
+        &params,
+        batch.all(),
+        &[1.0, 2.0, 3.0, 4.0],
+        &mut workspace,
+        &mut grads,
+    );
+    let zero = |input: usize| grads[input * 5..][..5].iter().all(|&g| g == 0.0);
+    assert_eq!(
+        [0, 1, 2, 3, 4, 5].map(zero),
+        [true, false, true, false, true, true]
+    );
+}
+
+#[test]
+fn nan_in_a_parameter_reaches_the_outputs() {
+    for activation in [Activation::Tanh, Activation::Relu] {
+        let mlp = Mlp::new(&[3, 4, 2], activation, 0);
+        let mut params = vec![0.1; mlp.num_parameters()];
+        params[1] = f32::NAN;
+        let mut batch = BitBatch::default();
+        batch.push_sample(&[0]);
+        let mut workspace = Workspace::default();
+        assert!(
+            mlp.forward(&params, batch.all(), &mut workspace)
+                .iter()
+                .all(|output| output.is_nan())
+        );
+    }
+}
