@@ -1,0 +1,1 @@
+"""Coverage path planning for Gymnasium, and converters from and to Stable-Baselines3."""

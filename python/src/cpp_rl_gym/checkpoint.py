@@ -1,0 +1,253 @@
+"""cpp-rl's checkpoints: one safetensors file that holds weights, optimiser state and where they come from.
+
+Tensors are float32 and C-contiguous. Layer ``i`` of a tower is ``{tower}.{i}.weight``, shape ``[in, out]`` (torch's
+``nn.Linear`` keeps ``[out, in]``), and ``{tower}.{i}.bias``, shape ``[out]``. PPO has the towers ``policy`` and
+``value``; DQN has ``q`` and its target network ``target/q``. Adam's moments carry the same names behind ``exp_avg/``
+and ``exp_avg_sq/`` (all of them or none; a target network has none).
+
+``__metadata__`` has one key, ``cpp-rl``: a compact JSON object with the fields of :class:`Checkpoint`, led by
+``crc32``, the checksum of the whole file with its own eight digits set to ``00000000``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+FORMAT = 1
+TOWERS: dict[str, tuple[str, ...]] = {"ppo": ("policy", "value"), "dqn": ("q",)}
+COUNTERS: dict[str, tuple[str, ...]] = {"ppo": (), "dqn": ("target_calls",)}
+CHANNELS = 4
+
+_CRC_MARK = rb"\"crc32\":\""
+_ZEROS = b"00000000"
+
+
+class CheckpointError(Exception):
+    """A file is not a checkpoint that can be used; the message names the file, the fault and the remedy."""
+
+
+@dataclass
+class Checkpoint:
+    """Weights and optimiser state of one agent.
+
+    ``tensors`` maps the names of the module's documentation to float32 arrays. ``towers`` maps each tower to its layer
+    sizes, e.g. ``{"q": (256, 64, 64, 4)}``; the first is ``4 * height * width``. ``adam_step`` is 0 when there is no
+    optimiser state. ``counters`` is ``{"target_calls": n}`` for DQN (environment steps that time the copying of the
+    target network) and empty for PPO.
+    """
+
+    algorithm: Literal["ppo", "dqn"]
+    activation: Literal["tanh", "relu"]
+    towers: dict[str, tuple[int, ...]]
+    height: int
+    width: int
+    tensors: dict[str, np.ndarray]
+    adam_step: int = 0
+    num_timesteps: int = 0
+    seed: int | None = None
+    stage: int | None = None
+    level: str | None = None
+    source: str = ""
+    counters: dict[str, int] = field(default_factory=dict)
+
+    def parameters(self) -> Iterator[tuple[str, tuple[int, ...]]]:
+        """Name and shape of every trained tensor, tower by tower, weight before bias."""
+        for tower, sizes in self.towers.items():
+            for i, (inputs, outputs) in enumerate(pairwise(sizes)):
+                yield f"{tower}.{i}.weight", (inputs, outputs)
+                yield f"{tower}.{i}.bias", (outputs,)
+
+    def forward(self, tower: str, observations: np.ndarray) -> np.ndarray:
+        """Outputs ``[B, out]`` of a tower, or of DQN's ``target/q``, on observations ``[B, 4, H, W]``."""
+        x = np.asarray(observations, np.float32).reshape(len(observations), -1)
+        last = len(self.towers[tower.removeprefix("target/")]) - 2
+        for i in range(last + 1):
+            x = x @ self.tensors[f"{tower}.{i}.weight"] + self.tensors[f"{tower}.{i}.bias"]
+            if i < last:
+                x = np.tanh(x) if self.activation == "tanh" else np.maximum(x, 0)
+        return x
+
+    def fault(self) -> str | None:
+        """What contradicts the format, or None."""
+        if self.algorithm not in TOWERS:
+            return f"algorithm {self.algorithm!r} is not one of {', '.join(TOWERS)}"
+        if self.activation not in ("tanh", "relu"):
+            return f"activation {self.activation!r} is not tanh or relu"
+        if tuple(self.towers) != TOWERS[self.algorithm]:
+            return f"{self.algorithm} has the towers {TOWERS[self.algorithm]}, not {tuple(self.towers)}"
+        for tower, sizes in self.towers.items():
+            if len(sizes) < 2 or any(not isinstance(n, int) or n < 1 for n in sizes):
+                return f"tower {tower} has the sizes {list(sizes)}"
+            if sizes[0] != CHANNELS * self.height * self.width:
+                return f"tower {tower} takes {sizes[0]} inputs, not 4 x {self.height} x {self.width}"
+        if tuple(self.counters) != COUNTERS[self.algorithm]:
+            return f"{self.algorithm} has the counters {COUNTERS[self.algorithm]}, not {tuple(self.counters)}"
+        return self._tensor_fault()
+
+    def _tensor_fault(self) -> str | None:
+        expected = dict(self.parameters())
+        if self.algorithm == "dqn":
+            expected |= {f"target/{name}": shape for name, shape in self.parameters()}
+        if any(name.startswith("exp_avg") for name in self.tensors):
+            if self.adam_step < 1:
+                return "it has optimiser state but adam_step 0"
+            expected |= {f"{m}/{name}": shape for m in ("exp_avg", "exp_avg_sq") for name, shape in self.parameters()}
+        elif self.adam_step != 0:
+            return f"adam_step is {self.adam_step} but there is no optimiser state"
+        if missing := sorted(expected.keys() - self.tensors.keys()):
+            return f"it lacks the tensors {', '.join(missing)}"
+        if unknown := sorted(self.tensors.keys() - expected.keys()):
+            return f"it has unknown tensors {', '.join(unknown)}"
+        for name, shape in expected.items():
+            tensor = self.tensors[name]
+            if tensor.dtype != np.float32 or tensor.shape != shape:
+                return f"{name} is {tensor.dtype} {list(tensor.shape)}, not float32 {list(shape)}"
+        return None
+
+
+def to_bytes(checkpoint: Checkpoint) -> bytes:
+    """The file of a checkpoint; raises ValueError if its fields contradict each other."""
+    if fault := checkpoint.fault():
+        raise ValueError(f"not a valid checkpoint: {fault}")
+    c = checkpoint
+    document = {
+        "crc32": _ZEROS.decode(),
+        "format": FORMAT,
+        "kind": "stage",
+        "algorithm": c.algorithm,
+        "activation": c.activation,
+        "towers": {tower: list(sizes) for tower, sizes in c.towers.items()},
+        "height": c.height,
+        "width": c.width,
+        "adam_step": c.adam_step,
+        "num_timesteps": c.num_timesteps,
+        "seed": c.seed,
+        "stage": c.stage,
+        "level": c.level,
+        "source": c.source,
+        "counters": c.counters,
+    }
+    text = json.dumps(document, separators=(",", ":"), ensure_ascii=False)
+    tensors = {name: np.ascontiguousarray(tensor) for name, tensor in c.tensors.items()}
+    raw = _safetensors().save(tensors, metadata={"cpp-rl": text})
+    at = _digits_at(raw)
+    if at is None:  # cannot happen while the JSON above starts with crc32
+        raise ValueError("the checksum's place cannot be found")
+    return raw[:at] + b"%08x" % zlib.crc32(raw) + raw[at + 8 :]
+
+
+def from_bytes(raw: bytes, name: str | Path) -> Checkpoint:
+    """Reads a file's bytes; ``name`` is how errors call it."""
+
+    def fail(what: str) -> CheckpointError:
+        return CheckpointError(f"{name}: {what}")
+
+    document = _document(raw, fail)
+    at = _digits_at(raw)
+    if at is None:
+        raise fail("the header has no checksum where one belongs; the file is damaged, copy or write it again")
+    found, wanted = zlib.crc32(raw[:at] + _ZEROS + raw[at + 8 :]), raw[at : at + 8].decode("ascii", "replace")
+    if f"{found:08x}" != wanted:
+        raise fail(f"checksum is {found:08x} where the file says {wanted}; it is damaged, copy or write it again")
+    if document.get("kind") != "stage":
+        raise fail(f"a checkpoint of kind {document.get('kind')!r}; pass a run's checkpoints/stage-<k>.safetensors")
+    names = {entry.name for entry in fields(Checkpoint)} - {"tensors"}
+    if (found_names := set(document) - {"crc32", "format", "kind"}) != names:
+        odd = ", ".join(sorted(found_names ^ names))
+        raise fail(f"its metadata has missing or unknown keys: {odd}; write it again with a matching cpp-rl")
+    values = {name: document[name] for name in names}
+    try:
+        values["towers"] = {tower: tuple(sizes) for tower, sizes in values["towers"].items()}
+        checkpoint = Checkpoint(tensors=_safetensors().load(raw), **values)
+        fault = checkpoint.fault()
+    except Exception as error:  # the library's own errors have no common base
+        raise fail(f"not a readable checkpoint ({error})") from error
+    if fault:
+        raise fail(fault)
+    return checkpoint
+
+
+def read(path: str | Path) -> Checkpoint:
+    """Reads and verifies a checkpoint: format, checksum, names and shapes of every tensor."""
+    try:
+        raw = Path(path).read_bytes()
+    except OSError as error:
+        raise CheckpointError(f"{path}: cannot be read ({error.strerror})") from error
+    return from_bytes(raw, path)
+
+
+def write(checkpoint: Checkpoint, path: str | Path, *, force: bool = False) -> None:
+    """Writes a checkpoint; the file appears whole or not at all."""
+    write_aside(path, to_bytes(checkpoint), force=force)
+
+
+def write_aside(path: str | Path, raw: bytes, *, force: bool) -> None:
+    """Writes to a neighbour of ``path``, syncs it and renames it; refuses an existing ``path`` unless ``force``."""
+    path = Path(path)
+    refuse_existing(path, force=force)
+    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with aside.open("wb") as file:
+            file.write(raw)
+            file.flush()
+            os.fsync(file.fileno())
+        aside.replace(path)
+    except OSError as error:
+        raise CheckpointError(f"{path}: cannot be written ({error.strerror})") from error
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def refuse_existing(path: str | Path, *, force: bool) -> None:
+    """Raises if ``path`` would be overwritten without ``force``."""
+    if Path(path).exists() and not force:
+        raise CheckpointError(f"{path}: exists already; pass --force to replace it, or choose another name")
+
+
+def _document(raw: bytes, fail: Any) -> dict[str, Any]:  # noqa: ANN401 (a local function)
+    """The metadata's JSON object, its format verified."""
+    foreign = "not a cpp-rl checkpoint"
+    if len(raw) < 8 or (size := struct.unpack("<Q", raw[:8])[0]) > len(raw) - 8:
+        raise fail(f"{foreign}: not a safetensors file, or cut short")
+    try:
+        header = json.loads(raw[8 : 8 + size])
+        document = json.loads(header["__metadata__"]["cpp-rl"])
+        version = document["format"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise fail(f"{foreign}: its safetensors header has no readable `cpp-rl` metadata") from error
+    if version != FORMAT:
+        raise fail(f"checkpoint format {version}; this version reads format {FORMAT}, install a matching cpp-rl-gym")
+    return document
+
+
+def _digits_at(raw: bytes) -> int | None:
+    """Where the checksum's eight digits start, if the header names them exactly once."""
+    end = 8 + struct.unpack("<Q", raw[:8])[0]
+    header = raw[:end]
+    return header.index(_CRC_MARK) + len(_CRC_MARK) if header.count(_CRC_MARK) == 1 else None
+
+
+def _safetensors() -> Any:  # noqa: ANN401 (the module)
+    try:
+        import safetensors.numpy
+    except ImportError as error:
+        raise MissingPackageError("safetensors") from error
+    return safetensors.numpy
+
+
+class MissingPackageError(Exception):
+    """An optional package is not installed."""
+
+    def __init__(self, package: str) -> None:
+        """``package`` as a package index names it."""
+        super().__init__(f"this needs the package {package}; install it with: pip install 'cpp-rl-gym[sb3]'")
