@@ -1,0 +1,366 @@
+"""Stable-Baselines3 models to cpp-rl checkpoints and back.
+
+    python -m cpp_rl_gym.sb3 import MODEL.zip OUT.safetensors
+    python -m cpp_rl_gym.sb3 export CHECKPOINT OUT.zip
+
+PPO and DQN with ``MlpPolicy`` on a flattened ``[4, H, W]`` observation, optimiser state included. Importing unpickles
+nothing (torch's weights-only loader, and the JSON beside it), and needs torch and safetensors; exporting needs
+stable-baselines3 as well. The names follow Stable-Baselines3's ``common/policies.py`` and ``dqn/policies.py``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import io
+import json
+import math
+import sys
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cpp_rl_gym.checkpoint import (
+    CHANNELS,
+    Checkpoint,
+    CheckpointError,
+    MissingPackageError,
+    read,
+    refuse_existing,
+    write,
+    write_aside,
+)
+
+# The study's hyper-parameters; they are not part of a checkpoint, so an exported model carries these.
+PPO_ARGUMENTS = {
+    "learning_rate": 1e-4,
+    "n_steps": 2048,
+    "batch_size": 64,
+    "n_epochs": 10,
+    "gamma": 0.99,
+    "gae_lambda": 0.95,
+    "clip_range": 0.2,
+    "ent_coef": 0.01,
+    "vf_coef": 0.5,
+    "max_grad_norm": 0.5,
+}
+DQN_ARGUMENTS = {
+    "learning_rate": 1e-4,
+    "buffer_size": 100_000,
+    "learning_starts": 100,
+    "batch_size": 32,
+    "gamma": 0.99,
+    "train_freq": 4,
+    "gradient_steps": 1,
+    "target_update_interval": 10_000,
+    "exploration_fraction": 0.1,
+    "exploration_initial_eps": 1.0,
+    "exploration_final_eps": 0.05,
+    "max_grad_norm": 10,
+}
+DEFAULT_ACTIVATION = {"ppo": "tanh", "dqn": "relu"}
+
+Names = list[tuple[str, str]]  # (ours, Stable-Baselines3's) for every trained tensor, in its optimiser's order
+
+
+def parameter_names(algorithm: str, layers: dict[str, int]) -> Names:
+    """Pairs of tensor names in the order of ``policy.optimizer``'s parameters; ``layers`` counts a tower's layers."""
+    if algorithm == "dqn":
+        theirs = {"q": [f"q_net.q_net.{2 * i}" for i in range(layers["q"])]}
+        order = [("q", i) for i in range(layers["q"])]
+    else:
+        theirs = {
+            tower: [f"mlp_extractor.{tower}_net.{2 * i}" for i in range(layers[tower] - 1)] + [head]
+            for tower, head in (("policy", "action_net"), ("value", "value_net"))
+        }
+        order = [(tower, i) for tower in theirs for i in range(layers[tower] - 1)]
+        order += [(tower, layers[tower] - 1) for tower in theirs]
+    return [(f"{t}.{i}.{part}", f"{theirs[t][i]}.{part}") for t, i in order for part in ("weight", "bias")]
+
+
+# --------------------------------------------------------------------------------------------------------------- import
+
+
+def import_zip(
+    path: str | Path,
+    *,
+    height: int | None = None,
+    width: int | None = None,
+    level: str | None = None,
+    stage: int | None = None,
+    optimizer: bool = True,
+) -> Checkpoint:
+    """Reads a model that ``PPO.save`` or ``DQN.save`` wrote.
+
+    ``height`` and ``width`` are needed where its observation space is neither ``[4, H, W]`` nor a square flattened.
+    ``optimizer=False`` leaves the optimiser's state out. Raises :class:`CheckpointError` for anything else than a PPO
+    or DQN model with separate plain MLPs.
+    """
+
+    def fail(what: str) -> CheckpointError:
+        return CheckpointError(f"{path}: {what}")
+
+    data, params, moments, version = _open_zip(path, fail)
+    algorithm, layers = _recognise(data, params, fail)
+    names = parameter_names(algorithm, layers)
+    copies = [(f"target/{ours}", theirs.replace("q_net.", "q_net_target.", 1)) for ours, theirs in names]
+    wanted = dict(names + copies) if algorithm == "dqn" else dict(names)
+    if missing := sorted(set(wanted.values()) - params.keys()):
+        raise fail(f"its policy lacks {', '.join(missing)}; only MlpPolicy with separate towers can be imported")
+    if unknown := sorted(params.keys() - set(wanted.values())):
+        raise fail(f"its policy has tensors that an MlpPolicy has not: {', '.join(unknown)}; it cannot be imported")
+    tensors = {ours: _transposed(params[theirs].numpy()) for ours, theirs in wanted.items()}
+
+    towers = {}
+    for tower, count in layers.items():
+        weights = [tensors[f"{tower}.{i}.weight"] for i in range(count)]
+        towers[tower] = (int(weights[0].shape[0]), *(int(weight.shape[1]) for weight in weights))
+    inputs = next(iter(towers.values()))[0]
+    height, width = _grid(data.get("observation_space"), inputs, height, width, fail)
+    step = 0
+    if optimizer and moments is not None:
+        step = _import_moments(tensors, names, moments, fail)
+    checkpoint = Checkpoint(
+        algorithm=algorithm,
+        activation=_activation(data, algorithm, fail),
+        towers=towers,
+        height=height,
+        width=width,
+        tensors=tensors,
+        adam_step=step,
+        num_timesteps=int(data.get("num_timesteps") or 0),
+        seed=data.get("seed"),
+        stage=stage,
+        level=level,
+        source=f"stable-baselines3 {version}",
+        counters={"target_calls": int(data.get("_n_calls") or 0)} if algorithm == "dqn" else {},
+    )
+    if fault := checkpoint.fault():
+        raise fail(f"its tensors do not fit together: {fault}")
+    return checkpoint
+
+
+def _open_zip(path: str | Path, fail: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any] | None, str]:  # noqa: ANN401
+    """The JSON of constructor arguments, the policy's and the optimiser's state, and the writer's version."""
+    torch = _require("torch")
+
+    def load(name: str) -> dict[str, Any]:
+        return torch.load(io.BytesIO(archive.read(name)), map_location="cpu", weights_only=True)
+
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.namelist()
+            if lacking := [name for name in ("data", "policy.pth") if name not in members]:
+                raise fail(f"not a Stable-Baselines3 model: the archive lacks {' and '.join(lacking)}")
+            data, params = json.loads(archive.read("data")), load("policy.pth")
+            moments = load("policy.optimizer.pth") if "policy.optimizer.pth" in members else None
+            version = "_stable_baselines3_version"
+            version = archive.read(version).decode().strip() if version in members else "of unknown version"
+    except CheckpointError:
+        raise
+    except OSError as error:
+        raise fail(f"cannot be read ({error.strerror})") from error
+    except zipfile.BadZipFile as error:
+        raise fail(f"not a Stable-Baselines3 model, or damaged ({error}); copy or save it again") from error
+    except Exception as error:  # zlib's, pickle's and torch's errors have no common base
+        raise fail(f"damaged ({type(error).__name__}: {error}); copy or save it again") from error
+    return data, params, moments, version
+
+
+def _recognise(data: dict[str, Any], params: dict[str, Any], fail: Any) -> tuple[str, dict[str, int]]:  # noqa: ANN401
+    """The algorithm, and how many layers each tower has."""
+
+    def count(prefix: str) -> int:
+        return sum(name.startswith(prefix) and name.endswith(".weight") for name in params)
+
+    if any(".cnn." in name or name.startswith("cnn.") for name in params):
+        raise fail("a CNN policy; only MlpPolicy can be imported")
+    if any(name.startswith("q_net.q_net.") for name in params) and "exploration_fraction" in data:
+        return "dqn", {"q": count("q_net.q_net.")}
+    if "action_net.weight" in params and "clip_range" in data and "n_epochs" in data:
+        if "log_std" in params:
+            raise fail("its actions are continuous; cpp-rl has four discrete actions")
+        return "ppo", {tower: count(f"mlp_extractor.{tower}_net.") + 1 for tower in ("policy", "value")}
+    raise fail("neither a PPO nor a DQN model; other algorithms cannot be imported")
+
+
+def _activation(data: dict[str, Any], algorithm: str, fail: Any) -> str:  # noqa: ANN401
+    """The activation that ``policy_kwargs`` names (a class is stored as its printed form), or the default."""
+    named = (data.get("policy_kwargs") or {}).get("activation_fn")
+    if named is None:
+        return DEFAULT_ACTIVATION[algorithm]
+    known = {"Tanh": "tanh", "ReLU": "relu"}
+    last = str(named).removesuffix("'>").rpartition(".")[2]
+    if last not in known:
+        raise fail(f"its activation is {last}; only Tanh and ReLU can be imported")
+    return known[last]
+
+
+def _grid(space: Any, inputs: int, height: int | None, width: int | None, fail: Any) -> tuple[int, int]:  # noqa: ANN401
+    """Height and width of the map, from the observation space or as given."""
+    shape = list(space.get("_shape") or []) if isinstance(space, dict) else []
+    if len(shape) == 3 and space.get("dtype") == "uint8":
+        raise fail("its observations are uint8 images, which Stable-Baselines3 scales by 1/255; train on float32")
+    given = (height, width)
+    if len(shape) == 3 and shape[0] == CHANNELS:
+        height, width = height or shape[1], width or shape[2]
+        if [height, width] != shape[1:]:
+            raise fail(f"its maps are {shape[1]} x {shape[2]}; leave --height and --width out")
+    elif height is None and width is None:
+        height = width = math.isqrt(inputs // CHANNELS)
+    else:
+        height = height or inputs // (CHANNELS * width)
+        width = width or inputs // (CHANNELS * height)
+    if CHANNELS * height * width != inputs:
+        what = f"its networks take {inputs} inputs, which is not 4 x height x width"
+        raise fail(f"{what}; pass --height and --width" if given == (None, None) else f"{what} as given")
+    return height, width
+
+
+def _import_moments(tensors: dict[str, np.ndarray], names: Names, moments: dict[str, Any], fail: Any) -> int:  # noqa: ANN401
+    """Adds Adam's moments to ``tensors`` and returns its count of steps (0: the optimiser never stepped)."""
+    state, ids = moments["state"], [i for group in moments["param_groups"] for i in group["params"]]
+    if not state:
+        return 0
+    remedy = "pass --no-optimizer to import the weights alone"
+    # Before Stable-Baselines3 2.4 DQN's optimiser listed the target network too, behind the online one, without state.
+    entries = [state.get(i) for i in ids]
+    if any(entries[len(names) :]) or len(entries) not in (len(names), 2 * len(names)):
+        raise fail(f"its optimiser holds {len(entries)} tensors where the policy has {len(names)}; {remedy}")
+    steps = set()
+    for (ours, _), entry in zip(names, entries, strict=False):
+        if entry is None or set(entry) != {"step", "exp_avg", "exp_avg_sq"}:
+            raise fail(f"its optimiser is not Adam or AdamW (state of {ours}: {sorted(entry or {})}); {remedy}")
+        steps.add(int(entry["step"]))
+        for moment in ("exp_avg", "exp_avg_sq"):
+            tensors[f"{moment}/{ours}"] = _transposed(entry[moment].numpy())
+    if len(steps) != 1:
+        raise fail(f"its tensors were updated different numbers of times ({sorted(steps)}); {remedy}")
+    return steps.pop()
+
+
+def _transposed(tensor: np.ndarray) -> np.ndarray:
+    """A weight ``[out, in]`` as ``[in, out]`` or back, a bias as it is; C-contiguous float32."""
+    return np.ascontiguousarray(tensor.T, np.float32)
+
+
+# --------------------------------------------------------------------------------------------------------------- export
+
+
+def export_model(checkpoint: Checkpoint, *, l2: bool = False) -> Any:  # noqa: ANN401 (PPO or DQN)
+    """Builds the Stable-Baselines3 model of a checkpoint, with the study's hyper-parameters.
+
+    ``l2`` chooses the optimiser of the study's PPO with L2 (AdamW, weight decay 1e-4, eps 1e-8) instead of the
+    algorithm's default Adam; a checkpoint does not say which it was trained with.
+    """
+    torch, gymnasium, sb3 = _require("torch"), _require("gymnasium"), _require("stable_baselines3")
+    c = checkpoint
+    towers = {tower: list(sizes[1:-1]) for tower, sizes in c.towers.items()}
+    policy_kwargs: dict[str, Any] = {
+        "net_arch": towers["q"] if c.algorithm == "dqn" else {"pi": towers["policy"], "vf": towers["value"]},
+        "activation_fn": {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}[c.activation],
+    }
+    if l2:
+        policy_kwargs |= {"optimizer_class": torch.optim.AdamW, "optimizer_kwargs": {"weight_decay": 1e-4, "eps": 1e-8}}
+
+    class Spaces(gymnasium.Env):
+        """What a model needs of an environment before it is given a real one."""
+
+        observation_space = gymnasium.spaces.Box(0.0, 1.0, (CHANNELS, c.height, c.width), np.float32)
+        action_space = gymnasium.spaces.Discrete(next(iter(c.towers.values()))[-1])
+
+    seed = c.seed if c.seed is not None and c.seed < 2**32 else None  # NumPy's legacy generator takes 32 bits
+    make, arguments = {"ppo": (sb3.PPO, PPO_ARGUMENTS), "dqn": (sb3.DQN, DQN_ARGUMENTS)}[c.algorithm]
+    model = make("MlpPolicy", Spaces(), policy_kwargs=policy_kwargs, seed=seed, device="cpu", **arguments)
+
+    names = parameter_names(c.algorithm, {tower: len(sizes) - 1 for tower, sizes in c.towers.items()})
+    weights = {theirs: c.tensors[ours] for ours, theirs in names}
+    if c.algorithm == "dqn":
+        weights |= {theirs.replace("q_net.", "q_net_target.", 1): c.tensors[f"target/{ours}"] for ours, theirs in names}
+        model._n_calls, model._n_updates = c.counters["target_calls"], c.adam_step
+        model.exploration_rate = model.exploration_final_eps
+    else:  # Stable-Baselines3 counts epochs
+        model._n_updates = c.adam_step // (model.n_steps // model.batch_size)
+    model.num_timesteps = c.num_timesteps
+    model.policy.load_state_dict({name: torch.from_numpy(_transposed(tensor)) for name, tensor in weights.items()})
+    if c.adam_step:
+        state = model.policy.optimizer.state_dict()
+        state["state"] = {
+            i: {"step": torch.tensor(float(c.adam_step))}
+            | {m: torch.from_numpy(_transposed(c.tensors[f"{m}/{ours}"])) for m in ("exp_avg", "exp_avg_sq")}
+            for i, (ours, _) in enumerate(names)
+        }
+        model.policy.optimizer.load_state_dict(state)
+    return model
+
+
+def export_zip(checkpoint: Checkpoint, path: str | Path, *, l2: bool = False, force: bool = False) -> None:
+    """Writes a checkpoint as a zip that ``PPO.load`` or ``DQN.load`` reads."""
+    buffer = io.BytesIO()
+    export_model(checkpoint, l2=l2).save(buffer)
+    write_aside(path, buffer.getvalue(), force=force)
+
+
+def _require(package: str) -> Any:  # noqa: ANN401 (a module)
+    try:
+        return importlib.import_module(package)
+    except ImportError as error:
+        raise MissingPackageError(package.replace("_", "-")) from error
+
+
+# --------------------------------------------------------------------------------------------------------- command line
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command line; returns the exit code (0 done, 2 the input is wrong, 1 anything else)."""
+    parser = argparse.ArgumentParser(prog="python -m cpp_rl_gym.sb3", description=__doc__.splitlines()[0])
+    commands = parser.add_subparsers(dest="command", required=True)
+    take = commands.add_parser("import", help="a Stable-Baselines3 zip to a checkpoint")
+    take.add_argument("input", metavar="IN.zip", type=Path)
+    take.add_argument("output", metavar="OUT.safetensors", type=Path)
+    take.add_argument("--height", type=_positive, help="rows of the map, where the zip does not say")
+    take.add_argument("--width", type=_positive, help="columns of the map, where the zip does not say")
+    take.add_argument("--level", help="the level it was trained on, to be noted in the checkpoint")
+    take.add_argument("--stage", type=int, help="the stage of its curriculum, to be noted in the checkpoint")
+    take.add_argument("--no-optimizer", action="store_true", help="leave the optimiser's state out")
+    give = commands.add_parser("export", help="a checkpoint to a Stable-Baselines3 zip")
+    give.add_argument("input", metavar="CHECKPOINT", type=Path)
+    give.add_argument("output", metavar="OUT.zip", type=Path)
+    give.add_argument("--l2", action="store_true", help="optimiser of the study's PPO with L2 (AdamW) instead of Adam")
+    for command in (take, give):
+        command.add_argument("--force", action="store_true", help="replace an existing output")
+    options = parser.parse_args(argv)
+    try:
+        refuse_existing(options.output, force=options.force)
+        if options.command == "import":
+            checkpoint = import_zip(
+                options.input,
+                height=options.height,
+                width=options.width,
+                level=options.level,
+                stage=options.stage,
+                optimizer=not options.no_optimizer,
+            )
+            write(checkpoint, options.output, force=options.force)
+        else:
+            checkpoint = read(options.input)
+            export_zip(checkpoint, options.output, l2=options.l2, force=options.force)
+    except (CheckpointError, MissingPackageError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2 if isinstance(error, CheckpointError) else 1
+    towers = ", ".join(f"{tower} {'-'.join(map(str, sizes))}" for tower, sizes in checkpoint.towers.items())
+    print(f"{options.output}: {checkpoint.algorithm}, {towers}, {checkpoint.num_timesteps} timesteps", file=sys.stderr)
+    return 0
+
+
+def _positive(text: str) -> int:
+    if (value := int(text)) < 1:
+        raise ValueError(text)
+    return value
+
+
+if __name__ == "__main__":
+    sys.exit(main())
