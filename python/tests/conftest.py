@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracle import REPOSITORY
 
 from cpp_rl_gym.checkpoint import Checkpoint
+from oracle import REPOSITORY
 
 SB3_FIXTURES = REPOSITORY / "tests" / "fixtures" / "sb3"
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import SB3_FIXTURES, assert_equal, random_checkpoint
 
+from conftest import SB3_FIXTURES, assert_equal, random_checkpoint
 from cpp_rl_gym.checkpoint import CheckpointError, from_bytes, read, to_bytes, write
 
 pytest.importorskip("safetensors", reason="checkpoints are safetensors files")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import SB3_FIXTURES
-from oracle import OracleEnv, read_map
 
+from conftest import SB3_FIXTURES
 from cpp_rl_gym.checkpoint import read
+from oracle import OracleEnv, read_map
 
 DOWN, UP, RIGHT, LEFT = range(4)
 

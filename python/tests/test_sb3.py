@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import SB3_FIXTURES, assert_equal, random_checkpoint
-from oracle import REPOSITORY, OracleEnv, read_map
 
+from conftest import SB3_FIXTURES, assert_equal, random_checkpoint
 from cpp_rl_gym.checkpoint import CheckpointError, read, write
 from cpp_rl_gym.sb3 import export_zip, import_zip, main
+from oracle import REPOSITORY, OracleEnv, read_map
 
 torch = pytest.importorskip("torch", reason="needs torch: run scripts/test-sb3")
 sb3 = pytest.importorskip("stable_baselines3", reason="needs stable-baselines3: run scripts/test-sb3")

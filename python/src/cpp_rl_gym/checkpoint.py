@@ -214,7 +214,7 @@ def refuse_existing(path: str | Path, *, force: bool) -> None:
         raise CheckpointError(f"{path}: exists already; pass --force to replace it, or choose another name")
 
 
-def _document(raw: bytes, fail: Any) -> dict[str, Any]:  # noqa: ANN401 (a local function)
+def _document(raw: bytes, fail: Any) -> dict[str, Any]:
     """The metadata's JSON object, its format verified."""
     foreign = "not a cpp-rl checkpoint"
     if len(raw) < 8 or (size := struct.unpack("<Q", raw[:8])[0]) > len(raw) - 8:
@@ -237,7 +237,7 @@ def _digits_at(raw: bytes) -> int | None:
     return header.index(_CRC_MARK) + len(_CRC_MARK) if header.count(_CRC_MARK) == 1 else None
 
 
-def _safetensors() -> Any:  # noqa: ANN401 (the module)
+def _safetensors() -> Any:
     try:
         import safetensors.numpy
     except ImportError as error:
@@ -249,5 +249,4 @@ class MissingPackageError(Exception):
     """An optional package is not installed."""
 
     def __init__(self, package: str) -> None:
-        """``package`` as a package index names it."""
         super().__init__(f"this needs the package {package}; install it with: pip install 'cpp-rl-gym[sb3]'")

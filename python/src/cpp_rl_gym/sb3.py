@@ -81,7 +81,7 @@ def parameter_names(algorithm: str, layers: dict[str, int]) -> Names:
     return [(f"{t}.{i}.{part}", f"{theirs[t][i]}.{part}") for t, i in order for part in ("weight", "bias")]
 
 
-# --------------------------------------------------------------------------------------------------------------- import
+# -------------------- import
 
 
 def import_zip(
@@ -143,7 +143,7 @@ def import_zip(
     return checkpoint
 
 
-def _open_zip(path: str | Path, fail: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any] | None, str]:  # noqa: ANN401
+def _open_zip(path: str | Path, fail: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any] | None, str]:
     """The JSON of constructor arguments, the policy's and the optimiser's state, and the writer's version."""
     torch = _require("torch")
 
@@ -170,7 +170,7 @@ def _open_zip(path: str | Path, fail: Any) -> tuple[dict[str, Any], dict[str, An
     return data, params, moments, version
 
 
-def _recognise(data: dict[str, Any], params: dict[str, Any], fail: Any) -> tuple[str, dict[str, int]]:  # noqa: ANN401
+def _recognise(data: dict[str, Any], params: dict[str, Any], fail: Any) -> tuple[str, dict[str, int]]:
     """The algorithm, and how many layers each tower has."""
 
     def count(prefix: str) -> int:
@@ -187,7 +187,7 @@ def _recognise(data: dict[str, Any], params: dict[str, Any], fail: Any) -> tuple
     raise fail("neither a PPO nor a DQN model; other algorithms cannot be imported")
 
 
-def _activation(data: dict[str, Any], algorithm: str, fail: Any) -> str:  # noqa: ANN401
+def _activation(data: dict[str, Any], algorithm: str, fail: Any) -> str:
     """The activation that ``policy_kwargs`` names (a class is stored as its printed form), or the default."""
     named = (data.get("policy_kwargs") or {}).get("activation_fn")
     if named is None:
@@ -199,7 +199,7 @@ def _activation(data: dict[str, Any], algorithm: str, fail: Any) -> str:  # noqa
     return known[last]
 
 
-def _grid(space: Any, inputs: int, height: int | None, width: int | None, fail: Any) -> tuple[int, int]:  # noqa: ANN401
+def _grid(space: Any, inputs: int, height: int | None, width: int | None, fail: Any) -> tuple[int, int]:
     """Height and width of the map, from the observation space or as given."""
     shape = list(space.get("_shape") or []) if isinstance(space, dict) else []
     if len(shape) == 3 and space.get("dtype") == "uint8":
@@ -220,7 +220,7 @@ def _grid(space: Any, inputs: int, height: int | None, width: int | None, fail: 
     return height, width
 
 
-def _import_moments(tensors: dict[str, np.ndarray], names: Names, moments: dict[str, Any], fail: Any) -> int:  # noqa: ANN401
+def _import_moments(tensors: dict[str, np.ndarray], names: Names, moments: dict[str, Any], fail: Any) -> int:
     """Adds Adam's moments to ``tensors`` and returns its count of steps (0: the optimiser never stepped)."""
     state, ids = moments["state"], [i for group in moments["param_groups"] for i in group["params"]]
     if not state:
@@ -247,10 +247,10 @@ def _transposed(tensor: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(tensor.T, np.float32)
 
 
-# --------------------------------------------------------------------------------------------------------------- export
+# -------------------- export
 
 
-def export_model(checkpoint: Checkpoint, *, l2: bool = False) -> Any:  # noqa: ANN401 (PPO or DQN)
+def export_model(checkpoint: Checkpoint, *, l2: bool = False) -> Any:
     """Builds the Stable-Baselines3 model of a checkpoint, with the study's hyper-parameters.
 
     ``l2`` chooses the optimiser of the study's PPO with L2 (AdamW, weight decay 1e-4, eps 1e-8) instead of the
@@ -304,14 +304,14 @@ def export_zip(checkpoint: Checkpoint, path: str | Path, *, l2: bool = False, fo
     write_aside(path, buffer.getvalue(), force=force)
 
 
-def _require(package: str) -> Any:  # noqa: ANN401 (a module)
+def _require(package: str) -> Any:
     try:
         return importlib.import_module(package)
     except ImportError as error:
         raise MissingPackageError(package.replace("_", "-")) from error
 
 
-# --------------------------------------------------------------------------------------------------------- command line
+# -------------------- command line
 
 
 def main(argv: Sequence[str] | None = None) -> int:
