@@ -249,4 +249,4 @@ class MissingPackageError(Exception):
     """An optional package is not installed."""
 
     def __init__(self, package: str) -> None:
-        super().__init__(f"this needs the package {package}; install it with: pip install 'cpp-rl-gym[sb3]'")
+        super().__init__(f"this needs the package {package}; install it with: pip install {package}")
