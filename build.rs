@@ -10,21 +10,12 @@ fn main() {
         return; // Windows, where libraries are found through PATH.
     };
     // Two `-Xlinker` rather than one `-Wl,-rpath,…`: a comma in the path stays part of it.
-    link_args(&[
-        "-Xlinker",
-        "-rpath",
-        "-Xlinker",
-        lib.to_str().expect("libtorch's path is UTF-8"),
-    ]);
+    link_args(&["-Xlinker", "-rpath", "-Xlinker", lib.to_str().expect("libtorch's path is UTF-8")]);
     // The code calls nothing in libtorch_cuda: it registers itself when it is loaded, and a linker that drops libraries
     // without a called symbol (`--as-needed`, rustc's default) would leave a build that sees no GPU.
     for name in ["torch_cuda", "torch_hip"] {
         if lib.join(format!("lib{name}.so")).exists() {
-            link_args(&[
-                "-Wl,--push-state,--no-as-needed",
-                &format!("-l{name}"),
-                "-Wl,--pop-state",
-            ]);
+            link_args(&["-Wl,--push-state,--no-as-needed", &format!("-l{name}"), "-Wl,--pop-state"]);
         }
     }
 }

@@ -7,9 +7,7 @@ use std::time::Instant;
 use chacha20::ChaCha8Rng;
 use chacha20::rand_core::SeedableRng;
 use coverage_env::planner::{AStar, Optimal};
-use coverage_env::{
-    Action, CoverageEnv, Level, LevelError, MAX_STEPS, Observation, Planner, VecEnv,
-};
+use coverage_env::{Action, CoverageEnv, Level, LevelError, MAX_STEPS, Observation, Planner, VecEnv};
 use coverage_env::{generator::LevelSpec, random::below};
 
 const ENVIRONMENTS: usize = 64;
@@ -20,24 +18,13 @@ const REPETITIONS: usize = 200;
 fn main() -> Result<(), LevelError> {
     let level = std::env::args().nth(1).unwrap_or_else(|| "0".into());
     let level = Arc::new(Level::resolve(&level)?);
-    println!(
-        "level {}, {} environments, random actions",
-        level.name(),
-        ENVIRONMENTS
-    );
+    println!("level {}, {} environments, random actions", level.name(), ENVIRONMENTS);
 
     // Drawn beforehand: the cost of choosing actions is not the environment's.
     let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let drawn: Vec<Action> = (0..1 << 16)
-        .map(|_| Action::ALL[below(&mut rng, 4) as usize])
-        .collect();
-    let rngs = || {
-        (0..ENVIRONMENTS as u64)
-            .map(ChaCha8Rng::seed_from_u64)
-            .collect()
-    };
-    let actions =
-        |round: usize| &drawn[round * 61 % (drawn.len() - ENVIRONMENTS)..][..ENVIRONMENTS];
+    let drawn: Vec<Action> = (0..1 << 16).map(|_| Action::ALL[below(&mut rng, 4) as usize]).collect();
+    let rngs = || (0..ENVIRONMENTS as u64).map(ChaCha8Rng::seed_from_u64).collect();
+    let actions = |round: usize| &drawn[round * 61 % (drawn.len() - ENVIRONMENTS)..][..ENVIRONMENTS];
 
     let mut env = VecEnv::new(Arc::clone(&level), MAX_STEPS, rngs());
     rate("steps, without observations", || {
@@ -82,25 +69,14 @@ fn main() -> Result<(), LevelError> {
     });
 
     for (side, targets) in [(16, 16), (16, 20), (32, 22)] {
-        let spec = LevelSpec {
-            height: side,
-            width: side,
-            wall_density: 0.2,
-            num_targets: targets,
-            seed: 0,
-        };
+        let spec = LevelSpec { height: side, width: side, wall_density: 0.2, num_targets: targets, seed: 0 };
         let level = spec.generate().expect("room for all");
         for planner in [&mut Optimal::new() as &mut dyn Planner, &mut AStar] {
             let begin = Instant::now();
             for &start in level.starts() {
                 black_box(planner.plan(&level, start, MAX_STEPS).expect("a plan"));
             }
-            println!(
-                "{} from every start of {}: {:.2?}",
-                planner.name(),
-                level.name(),
-                begin.elapsed()
-            );
+            println!("{} from every start of {}: {:.2?}", planner.name(), level.name(), begin.elapsed());
         }
     }
     Ok(())

@@ -21,8 +21,7 @@ impl Action {
     pub const COUNT: usize = 4;
 
     /// Every action, at its own index.
-    pub const ALL: [Action; Action::COUNT] =
-        [Action::Down, Action::Up, Action::Right, Action::Left];
+    pub const ALL: [Action; Action::COUNT] = [Action::Down, Action::Up, Action::Right, Action::Left];
 
     /// The action numbered `index`, or `None` past 3.
     pub const fn from_index(index: u8) -> Option<Action> {

@@ -20,11 +20,7 @@ enum Words {
 impl CellSet {
     /// The empty set for a map of `cells` cells.
     pub fn new(cells: usize) -> CellSet {
-        if cells <= 64 {
-            CellSet(Words::One(0))
-        } else {
-            CellSet(Words::Many(vec![0; cells.div_ceil(64)].into()))
-        }
+        if cells <= 64 { CellSet(Words::One(0)) } else { CellSet(Words::Many(vec![0; cells.div_ceil(64)].into())) }
     }
 
     /// Whether `cell` is in the set.
@@ -53,21 +49,14 @@ impl CellSet {
 
     /// How many cells are in the set.
     pub fn count(&self) -> usize {
-        self.words()
-            .iter()
-            .map(|word| word.count_ones() as usize)
-            .sum()
+        self.words().iter().map(|word| word.count_ones() as usize).sum()
     }
 
     /// The cells of the set, ascending.
     #[inline]
     pub fn iter(&self) -> Cells<'_> {
         let (&bits, later) = self.words().split_first().unwrap_or((&0, &[]));
-        Cells {
-            bits,
-            base: 0,
-            later,
-        }
+        Cells { bits, base: 0, later }
     }
 
     /// The words, lowest cells first.
@@ -155,9 +144,7 @@ mod tests {
         for cells in [1, 63, 64, 65, 128, 129, 1000] {
             let mut set = CellSet::new(cells);
             assert_eq!(set.words().len(), cells.div_ceil(64));
-            let members: Vec<usize> = (0..cells)
-                .filter(|cell| cell % 7 == 0 || cell % 64 == 63)
-                .collect();
+            let members: Vec<usize> = (0..cells).filter(|cell| cell % 7 == 0 || cell % 64 == 63).collect();
             for &cell in &members {
                 assert!(set.insert(cell));
                 assert!(!set.insert(cell));

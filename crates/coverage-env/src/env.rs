@@ -86,8 +86,7 @@ pub enum StartError {
 pub struct StateError(&'static str);
 
 impl StateError {
-    pub(crate) const COUNT: StateError =
-        StateError("the numbers of states and of random generators differ");
+    pub(crate) const COUNT: StateError = StateError("the numbers of states and of random generators differ");
     pub(crate) const OVER: StateError = StateError("its episode is over");
 }
 
@@ -98,20 +97,12 @@ impl State {
     /// [`StartError`] if `start` is a wall, a target, or outside the map.
     pub fn at_start(level: &Level, start: usize) -> Result<State, StartError> {
         match level.cells().get(start) {
-            None => Err(StartError::Outside {
-                start,
-                cells: level.len(),
-            }),
+            None => Err(StartError::Outside { start, cells: level.len() }),
             Some(Cell::Wall) => Err(StartError::Wall { start }),
             Some(Cell::Target) => Err(StartError::Target { start }),
             Some(Cell::Free) => {
                 let visited = CellSet::new(level.len());
-                let mut state = State {
-                    agent: 0,
-                    visited,
-                    remaining: 0,
-                    steps: 0,
-                };
+                let mut state = State { agent: 0, visited, remaining: 0, steps: 0 };
                 state.restart(level, start);
                 Ok(state)
             }
@@ -148,11 +139,7 @@ impl State {
                 reward += COMPLETION_REWARD;
             }
         }
-        Step {
-            reward: reward as f32,
-            terminated: self.remaining == 0,
-            truncated: self.steps >= max_steps,
-        }
+        Step { reward: reward as f32, terminated: self.remaining == 0, truncated: self.steps >= max_steps }
     }
 
     /// The sum of the rewards since the start, up to and including the end of the episode.
@@ -176,32 +163,18 @@ impl State {
         let unvisited = |(word, target): (&u64, &u64)| (target & !word).count_ones();
         let rules = [
             (agent < level.len(), "the agent is outside the map"),
+            (words.len() == open.len(), "its visited cells belong to a map of another size"),
+            (!words.iter().zip(open).any(outside), "a visited cell is a wall or outside the map"),
             (
-                words.len() == open.len(),
-                "its visited cells belong to a map of another size",
-            ),
-            (
-                !words.iter().zip(open).any(outside),
-                "a visited cell is a wall or outside the map",
-            ),
-            (
-                words
-                    .get(agent / 64)
-                    .is_some_and(|word| word >> (agent % 64) & 1 == 1),
+                words.get(agent / 64).is_some_and(|word| word >> (agent % 64) & 1 == 1),
                 "the agent's own cell is not visited",
             ),
-            (
-                words.iter().zip(targets).any(free),
-                "no cell is visited that it can have started on",
-            ),
+            (words.iter().zip(targets).any(free), "no cell is visited that it can have started on"),
             (
                 words.iter().zip(targets).map(unvisited).sum::<u32>() == self.remaining,
                 "the number of remaining targets contradicts the visited cells",
             ),
-            (
-                self.steps <= max_steps,
-                "it has more steps than the step limit allows",
-            ),
+            (self.steps <= max_steps, "it has more steps than the step limit allows"),
             (
                 self.visited.count() as u64 <= u64::from(self.steps) + 1,
                 "it has visited more cells than its steps allow",
@@ -236,19 +209,10 @@ impl CoverageEnv {
     ///
     /// An episode has at least one step: a `max_steps` of 0 means 1.
     pub fn new(level: Arc<Level>, max_steps: u32) -> CoverageEnv {
-        let mut state = State {
-            agent: 0,
-            visited: CellSet::new(level.len()),
-            remaining: 0,
-            steps: 0,
-        };
+        let mut state = State { agent: 0, visited: CellSet::new(level.len()), remaining: 0, steps: 0 };
         // A validated level has a start.
         state.restart(&level, level.starts()[0]);
-        CoverageEnv {
-            level,
-            max_steps,
-            state,
-        }
+        CoverageEnv { level, max_steps, state }
     }
 
     /// The level.
@@ -284,8 +248,7 @@ impl CoverageEnv {
 
     /// Begins an episode at a start drawn uniformly, with one [`random::below`].
     pub fn reset(&mut self, rng: &mut (impl Rng + ?Sized)) {
-        self.state
-            .restart(&self.level, draw_start(&self.level, rng));
+        self.state.restart(&self.level, draw_start(&self.level, rng));
     }
 
     /// Begins an episode at `start`.
@@ -311,9 +274,7 @@ impl CoverageEnv {
 pub(crate) fn episode_return(steps: u32, visited: u32, solved: bool) -> i64 {
     let (steps, visited) = (i64::from(steps), i64::from(visited));
     let completion = if solved { COMPLETION_REWARD } else { 0 };
-    i64::from(STEP_REWARD) * (steps - visited)
-        + i64::from(TARGET_REWARD) * visited
-        + i64::from(completion)
+    i64::from(STEP_REWARD) * (steps - visited) + i64::from(TARGET_REWARD) * visited + i64::from(completion)
 }
 
 /// A start of `level`, uniformly.

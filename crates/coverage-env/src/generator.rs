@@ -79,13 +79,7 @@ impl LevelSpec {
     /// # Errors
     /// [`SpecError`] if no level can be like that.
     pub fn generate(&self) -> Result<Level, SpecError> {
-        let &LevelSpec {
-            height,
-            width,
-            num_targets,
-            seed,
-            ..
-        } = self;
+        let &LevelSpec { height, width, num_targets, seed, .. } = self;
         let walls = self.check()?;
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut cells = vec![Cell::Free; height * width];
@@ -96,27 +90,16 @@ impl LevelSpec {
 
         order.retain(|&cell| cells[cell] == Cell::Free);
         shuffle(&mut rng, &mut order);
-        order[..num_targets]
-            .iter()
-            .for_each(|&cell| cells[cell] = Cell::Target);
+        order[..num_targets].iter().for_each(|&cell| cells[cell] = Cell::Target);
 
         let name = format!("generated-{height}x{width}-w{walls}-t{num_targets}-s{seed}");
-        Ok(Level::from_cells(&name, width, cells.into())
-            .expect("connected, with a target and a start"))
+        Ok(Level::from_cells(&name, width, cells.into()).expect("connected, with a target and a start"))
     }
 
     /// The number of walls, if a level can have them.
     fn check(&self) -> Result<usize, SpecError> {
-        let &LevelSpec {
-            height,
-            width,
-            wall_density: density,
-            num_targets: targets,
-            ..
-        } = self;
-        let cells = height
-            .checked_mul(width)
-            .filter(|cells| (1..=MAX_CELLS).contains(cells));
+        let &LevelSpec { height, width, wall_density: density, num_targets: targets, .. } = self;
+        let cells = height.checked_mul(width).filter(|cells| (1..=MAX_CELLS).contains(cells));
         let cells = cells.ok_or(SpecError::Size { height, width })?;
         if !(0.0..1.0).contains(&density) {
             return Err(SpecError::Density { density });
@@ -126,11 +109,7 @@ impl LevelSpec {
         }
         let walls = (density * cells as f64).round() as usize;
         if targets >= cells - walls {
-            return Err(SpecError::NoRoom {
-                cells,
-                walls,
-                targets,
-            });
+            return Err(SpecError::NoRoom { cells, walls, targets });
         }
         Ok(walls)
     }
@@ -156,11 +135,7 @@ fn raise_walls(cells: &mut [Cell], height: usize, width: usize, order: &[usize],
 /// open ground a search finds out nearby.
 fn is_dispensable(cells: &[Cell], neighbors: &[[u16; 4]], cell: usize) -> bool {
     let free = |next: &usize| *next != cell && cells[*next] == Cell::Free;
-    let mut sought: Vec<usize> = neighbors[cell]
-        .map(usize::from)
-        .into_iter()
-        .filter(free)
-        .collect();
+    let mut sought: Vec<usize> = neighbors[cell].map(usize::from).into_iter().filter(free).collect();
     let Some(from) = sought.pop() else {
         return false;
     };
@@ -173,12 +148,7 @@ fn is_dispensable(cells: &[Cell], neighbors: &[[u16; 4]], cell: usize) -> bool {
         };
         sought.retain(|&cell| cell != here);
         let around = neighbors[here].map(usize::from);
-        frontier.extend(
-            around
-                .into_iter()
-                .filter(free)
-                .filter(|&next| seen.insert(next)),
-        );
+        frontier.extend(around.into_iter().filter(free).filter(|&next| seen.insert(next)));
     }
     true
 }

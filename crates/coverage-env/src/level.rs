@@ -94,21 +94,13 @@ impl Level {
     }
 
     /// Validates `cells`, full rows of `width` each, at most [`MAX_CELLS`] in all.
-    pub(crate) fn from_cells(
-        name: &str,
-        width: usize,
-        cells: Box<[Cell]>,
-    ) -> Result<Level, LevelDefect> {
+    pub(crate) fn from_cells(name: &str, width: usize, cells: Box<[Cell]>) -> Result<Level, LevelDefect> {
         validate::check_name(name)?;
         let height = cells.len() / width;
         let neighbors = neighbor_table(&cells, height, width);
         validate::check_connected(&cells, width, &neighbors)?;
 
-        let all = |wanted: Cell| {
-            (0..cells.len())
-                .filter(|&cell| cells[cell] == wanted)
-                .collect()
-        };
+        let all = |wanted: Cell| (0..cells.len()).filter(|&cell| cells[cell] == wanted).collect();
         let targets: Box<[usize]> = all(Cell::Target);
         let starts: Box<[usize]> = all(Cell::Free);
         let set = |members: &[usize]| {
@@ -121,17 +113,7 @@ impl Level {
         let target_set = set(&targets);
         let open = set(&[&*targets, &*starts].concat());
         let name = name.to_owned();
-        Ok(Level {
-            name,
-            height,
-            width,
-            cells,
-            targets,
-            starts,
-            neighbors,
-            open,
-            target_set,
-        })
+        Ok(Level { name, height, width, cells, targets, starts, neighbors, open, target_set })
     }
 
     /// What the level is called: the built-in id, the file's `name`, or its stem.
@@ -213,18 +195,8 @@ impl Level {
 
     /// The map as text, a line per row; [`from_map`](Level::from_map) reads it back.
     pub fn to_map(&self) -> String {
-        let row = |cells: &[Cell]| {
-            cells
-                .iter()
-                .map(|cell| cell.to_char())
-                .chain(['\n'])
-                .collect()
-        };
-        self.cells
-            .chunks(self.width)
-            .map(row)
-            .collect::<Vec<String>>()
-            .concat()
+        let row = |cells: &[Cell]| cells.iter().map(|cell| cell.to_char()).chain(['\n']).collect();
+        self.cells.chunks(self.width).map(row).collect::<Vec<String>>().concat()
     }
 
     /// The cells that are not walls.
@@ -240,24 +212,14 @@ impl Level {
 
 /// Where each action leads from each cell: itself if the way is barred, and always itself from a
 /// wall. Cells fit `u16` since there are at most [`MAX_CELLS`].
-pub(crate) fn neighbor_table(
-    cells: &[Cell],
-    height: usize,
-    width: usize,
-) -> Box<[[u16; Action::COUNT]]> {
+pub(crate) fn neighbor_table(cells: &[Cell], height: usize, width: usize) -> Box<[[u16; Action::COUNT]]> {
     let destination = |cell: usize, action: Action| {
         let (row_step, column_step) = action.offset();
-        let row = (cell / width)
-            .checked_add_signed(row_step)
-            .filter(|&row| row < height);
-        let column = (cell % width)
-            .checked_add_signed(column_step)
-            .filter(|&column| column < width);
+        let row = (cell / width).checked_add_signed(row_step).filter(|&row| row < height);
+        let column = (cell % width).checked_add_signed(column_step).filter(|&column| column < width);
         let ahead = row.zip(column).map(|(row, column)| row * width + column);
         let open = |cell: &usize| cells[*cell] != Cell::Wall;
         ahead.filter(open).filter(|_| open(&cell)).unwrap_or(cell) as u16
     };
-    (0..cells.len())
-        .map(|cell| Action::ALL.map(|action| destination(cell, action)))
-        .collect()
+    (0..cells.len()).map(|cell| Action::ALL.map(|action| destination(cell, action))).collect()
 }

@@ -39,11 +39,7 @@ impl<'a> Observation<'a> {
     /// # Panics
     /// If `out` is not [`len`](Observation::len) long.
     pub fn write(&self, out: &mut [f32]) {
-        assert_eq!(
-            out.len(),
-            Observation::len(self.level),
-            "length of the observation's buffer"
-        );
+        assert_eq!(out.len(), Observation::len(self.level), "length of the observation's buffer");
         let cells = self.level.len();
         let (open, rest) = out.split_at_mut(cells);
         let (agent, rest) = rest.split_at_mut(cells);

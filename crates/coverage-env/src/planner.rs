@@ -32,12 +32,7 @@ pub trait Planner {
     ///
     /// # Errors
     /// [`PlanError`] if no episode can start there, or if the planner cannot serve the level.
-    fn plan(
-        &mut self,
-        level: &Level,
-        start: usize,
-        max_steps: u32,
-    ) -> Result<Vec<Action>, PlanError>;
+    fn plan(&mut self, level: &Level, start: usize, max_steps: u32) -> Result<Vec<Action>, PlanError>;
 }
 
 /// Why there is no plan.
@@ -91,10 +86,5 @@ pub fn replay(
         }
     }
     let state = env.state();
-    Ok(EpisodeResult {
-        start,
-        return_: state.return_so_far(level),
-        length: state.steps,
-        solved: state.remaining == 0,
-    })
+    Ok(EpisodeResult { start, return_: state.return_so_far(level), length: state.steps, solved: state.remaining == 0 })
 }

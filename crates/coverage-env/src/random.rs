@@ -39,10 +39,7 @@ pub fn unit_f64(rng: &mut (impl Rng + ?Sized)) -> f64 {
 /// # Panics
 /// If there are 2³² items or more.
 pub fn shuffle<T>(rng: &mut (impl Rng + ?Sized), items: &mut [T]) {
-    assert!(
-        u32::try_from(items.len()).is_ok(),
-        "too many items to shuffle"
-    );
+    assert!(u32::try_from(items.len()).is_ok(), "too many items to shuffle");
     for last in (1..items.len()).rev() {
         items.swap(last, below(rng, last as u32 + 1) as usize);
     }
@@ -63,10 +60,7 @@ mod tests {
             counts[below(&mut rng, 6) as usize] += 1;
         }
         // Six standard deviations of a binomial(60 000, 1/6) are 548.
-        assert!(
-            counts.iter().all(|&count| count.abs_diff(10_000) < 548),
-            "{counts:?}"
-        );
+        assert!(counts.iter().all(|&count| count.abs_diff(10_000) < 548), "{counts:?}");
         assert_eq!(below(&mut rng, 1), 0);
         assert_eq!(below(&mut rng, 0), 0);
     }

@@ -4,8 +4,7 @@ use crate::env::State;
 use crate::level::{Cell, Level};
 
 /// What the characters of [`render`] mean.
-pub const LEGEND: &str =
-    "@ agent   T target to visit   * visited target   o visited cell   . free   # wall";
+pub const LEGEND: &str = "@ agent   T target to visit   * visited target   o visited cell   . free   # wall";
 
 /// The map with the agent, its trail and the targets left, a line per row, and a line that counts.
 ///
@@ -32,10 +31,7 @@ pub fn render(level: &Level, state: &State) -> String {
     }
     let targets = level.targets().len();
     let visited = targets - state.remaining as usize;
-    text + &format!(
-        "step {}, {visited} of {targets} targets visited\n",
-        state.steps
-    )
+    text + &format!("step {}, {visited} of {targets} targets visited\n", state.steps)
 }
 
 #[cfg(test)]

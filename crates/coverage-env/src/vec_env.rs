@@ -87,14 +87,7 @@ impl<R: Rng> VecEnv<R> {
     fn assemble(level: Arc<Level>, max_steps: u32, states: Vec<State>, rngs: Vec<R>) -> VecEnv<R> {
         let final_states = states.clone();
         let steps = Vec::with_capacity(states.len());
-        VecEnv {
-            level,
-            max_steps,
-            states,
-            final_states,
-            rngs,
-            steps,
-        }
+        VecEnv { level, max_steps, states, final_states, rngs, steps }
     }
 
     /// How many environments there are.
@@ -147,25 +140,13 @@ impl<R: Rng> VecEnv<R> {
             let mut episode = None;
             if step.is_done() {
                 let return_ = state.return_so_far(&self.level);
-                episode = Some(EpisodeEnd {
-                    return_,
-                    length: state.steps,
-                });
+                episode = Some(EpisodeEnd { return_, length: state.steps });
                 // The old final state's memory serves the new episode.
                 std::mem::swap(state, &mut self.final_states[index]);
                 state.restart(&self.level, draw_start(&self.level, &mut self.rngs[index]));
             }
-            let Step {
-                reward,
-                terminated,
-                truncated,
-            } = step;
-            self.steps.push(VecStep {
-                reward,
-                terminated,
-                truncated,
-                episode,
-            });
+            let Step { reward, terminated, truncated } = step;
+            self.steps.push(VecStep { reward, terminated, truncated, episode });
         }
         &self.steps
     }

@@ -14,10 +14,7 @@ pub struct LevelError {
 
 impl LevelError {
     pub(super) fn new(origin: impl Into<String>, defect: LevelDefect) -> LevelError {
-        LevelError {
-            origin: origin.into(),
-            defect: Box::new(defect),
-        }
+        LevelError { origin: origin.into(), defect: Box::new(defect) }
     }
 
     /// The file, or the name, of the level.

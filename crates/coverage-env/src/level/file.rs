@@ -66,8 +66,7 @@ impl Level {
         let fail = |defect| Err(LevelError::new(source.clone(), defect));
         let mut bytes = Vec::new();
         // Reads no more than one byte too many of a file that may have no end.
-        let read =
-            File::open(path).and_then(|file| file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes));
+        let read = File::open(path).and_then(|file| file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes));
         match read {
             Err(error) => fail(LevelDefect::Unreadable { error }),
             Ok(length) if length as u64 > MAX_FILE_BYTES => fail(LevelDefect::FileTooLarge),
@@ -91,11 +90,7 @@ impl Level {
     pub fn to_yaml(&self) -> String {
         // Of what double quotes give a meaning to, a name can have but the quotes themselves.
         let name = self.name().replace('"', "\\\"");
-        let rows: String = self
-            .to_map()
-            .lines()
-            .map(|row| format!("  {row}\n"))
-            .collect();
+        let rows: String = self.to_map().lines().map(|row| format!("  {row}\n")).collect();
         format!("name: \"{name}\"\nmap: |\n{rows}")
     }
 }
@@ -106,22 +101,12 @@ fn parse_file(source: &str, bytes: &[u8]) -> Result<Level, LevelDefect> {
     }
     let text = utf8(bytes)?;
     let options = serde_saphyr::options! { with_snippet: false };
-    let file: Option<LevelFile> =
-        serde_saphyr::from_str_with_options(text, options).map_err(|error| LevelDefect::Yaml {
-            message: error.render_with_formatter(&serde_saphyr::UserMessageFormatter),
-        })?;
-    let file = file.unwrap_or(LevelFile {
-        name: None,
-        map: None,
-    });
+    let file: Option<LevelFile> = serde_saphyr::from_str_with_options(text, options).map_err(|error| {
+        LevelDefect::Yaml { message: error.render_with_formatter(&serde_saphyr::UserMessageFormatter) }
+    })?;
+    let file = file.unwrap_or(LevelFile { name: None, map: None });
     let map = file.map.ok_or(LevelDefect::NoMap)?;
-    let stem = || {
-        Path::new(source)
-            .file_stem()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned()
-    };
+    let stem = || Path::new(source).file_stem().unwrap_or_default().to_string_lossy().into_owned();
     Level::parse(&file.name.unwrap_or_else(stem), &map)
 }
 
@@ -136,9 +121,6 @@ fn utf8(bytes: &[u8]) -> Result<&str, LevelDefect> {
         },
         Err(error) => error.valid_up_to(),
     };
-    let line = bytes[..first_bad]
-        .iter()
-        .filter(|&&byte| byte == b'\n')
-        .count();
+    let line = bytes[..first_bad].iter().filter(|&&byte| byte == b'\n').count();
     Err(LevelDefect::NotUtf8 { line })
 }

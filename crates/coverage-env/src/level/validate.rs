@@ -7,9 +7,7 @@ use crate::action::Action;
 pub(super) fn check_name(name: &str) -> Result<(), LevelDefect> {
     let unfit = |character: char| character.is_control() || matches!(character, '/' | '\\');
     if name.trim().is_empty() || name.len() > MAX_NAME_BYTES || name.contains(unfit) {
-        return Err(LevelDefect::Name {
-            name: name.chars().take(MAX_NAME_BYTES).collect(),
-        });
+        return Err(LevelDefect::Name { name: name.chars().take(MAX_NAME_BYTES).collect() });
     }
     Ok(())
 }
@@ -24,11 +22,7 @@ pub(super) fn parse_cells(map: &str) -> Result<(usize, Box<[Cell]>), LevelDefect
     let mut cells = Vec::with_capacity(map.len().min(MAX_CELLS));
     for (row, line) in map.lines().enumerate() {
         for (column, character) in line.chars().enumerate() {
-            let unknown = LevelDefect::UnknownCharacter {
-                row,
-                column,
-                character,
-            };
+            let unknown = LevelDefect::UnknownCharacter { row, column, character };
             cells.push(Cell::from_char(character).ok_or(unknown)?);
             if cells.len() > MAX_CELLS {
                 return Err(LevelDefect::TooManyCells);
@@ -68,12 +62,8 @@ pub(super) fn check_connected(
     let main = (targets().map(|target| region[target]))
         .max_by_key(|&region| (targets_in(region), std::cmp::Reverse(region)))
         .unwrap_or(region[first_target]);
-    let start = starts()
-        .find(|&start| region[start] != main)
-        .unwrap_or(first_start);
-    let target = targets()
-        .find(|&target| region[target] == main)
-        .unwrap_or(first_target);
+    let start = starts().find(|&start| region[start] != main).unwrap_or(first_start);
+    let target = targets().find(|&target| region[target] == main).unwrap_or(first_target);
     Err(LevelDefect::TrappedStart {
         row: start / width,
         column: start % width,

@@ -23,12 +23,7 @@ impl Planner for AStar {
         "astar"
     }
 
-    fn plan(
-        &mut self,
-        level: &Level,
-        start: usize,
-        max_steps: u32,
-    ) -> Result<Vec<Action>, PlanError> {
+    fn plan(&mut self, level: &Level, start: usize, max_steps: u32) -> Result<Vec<Action>, PlanError> {
         let mut state = State::at_start(level, start)?;
         let mut actions = Vec::new();
         while let Some(target) = nearest_target(level, &state) {
@@ -45,11 +40,7 @@ impl Planner for AStar {
 
 /// The unvisited target nearest to the agent; the first such in row-major order.
 fn nearest_target(level: &Level, state: &State) -> Option<usize> {
-    let unvisited = level
-        .targets()
-        .iter()
-        .copied()
-        .filter(|&cell| !state.visited.contains(cell));
+    let unvisited = level.targets().iter().copied().filter(|&cell| !state.visited.contains(cell));
     unvisited.min_by_key(|&target| manhattan(level, usize::from(state.agent), target))
 }
 
@@ -84,10 +75,7 @@ fn shortest_path(level: &Level, from: usize, goal: usize) -> Vec<Action> {
             // The heuristic is consistent, so a cell's first expansion is at its least cost, and
             // only cheaper arrivals are worth another look. A barred way leads back to `cell`.
             if arrivals[next].is_none_or(|arrival| cost < arrival.cost) {
-                arrivals[next] = Some(Arrival {
-                    cost,
-                    via: Some((cell, action)),
-                });
+                arrivals[next] = Some(Arrival { cost, via: Some((cell, action)) });
                 let estimate = manhattan(level, next, goal);
                 open.push(Reverse((cost + estimate, estimate, next)));
             }
@@ -95,9 +83,7 @@ fn shortest_path(level: &Level, from: usize, goal: usize) -> Vec<Action> {
     }
     let step_to = |cell: usize| arrivals[cell].and_then(|arrival| arrival.via);
     let mut path: Vec<Action> =
-        std::iter::successors(step_to(goal), |&(before, _)| step_to(before))
-            .map(|(_, action)| action)
-            .collect();
+        std::iter::successors(step_to(goal), |&(before, _)| step_to(before)).map(|(_, action)| action).collect();
     path.reverse();
     path
 }

@@ -61,12 +61,7 @@ impl Optimal {
     ///
     /// # Errors
     /// [`PlanError`] if no episode can start there, or for more than [`MAX_TARGETS`] targets.
-    pub fn optimum(
-        &mut self,
-        level: &Level,
-        start: usize,
-        max_steps: u32,
-    ) -> Result<Optimum, PlanError> {
+    pub fn optimum(&mut self, level: &Level, start: usize, max_steps: u32) -> Result<Optimum, PlanError> {
         State::at_start(level, start)?;
         let solution = self.solution(level)?;
         let limit = max_steps.max(1);
@@ -77,12 +72,7 @@ impl Optimal {
             _ => (false, limit),
         };
         let return_ = episode_return(length, visited, solved);
-        Ok(Optimum {
-            return_,
-            length,
-            visited,
-            solved,
-        })
+        Ok(Optimum { return_, length, visited, solved })
     }
 
     /// The solution of `level`, kept from the last call or else computed.
@@ -91,13 +81,8 @@ impl Optimal {
         if targets > MAX_TARGETS {
             return Err(PlanError::TooManyTargets { targets });
         }
-        let kept = self
-            .solution
-            .take()
-            .filter(|solution| solution.is_of(level));
-        Ok(self
-            .solution
-            .insert(kept.unwrap_or_else(|| Solution::new(level))))
+        let kept = self.solution.take().filter(|solution| solution.is_of(level));
+        Ok(self.solution.insert(kept.unwrap_or_else(|| Solution::new(level))))
     }
 }
 
@@ -106,12 +91,7 @@ impl Planner for Optimal {
         "optimal"
     }
 
-    fn plan(
-        &mut self,
-        level: &Level,
-        start: usize,
-        max_steps: u32,
-    ) -> Result<Vec<Action>, PlanError> {
+    fn plan(&mut self, level: &Level, start: usize, max_steps: u32) -> Result<Vec<Action>, PlanError> {
         let optimum = self.optimum(level, start, max_steps)?;
         let mut actions = self.solution(level)?.walk(level, start, max_steps.max(1));
         // What cannot be solved lasts as long as the limit. No further target is within reach, so
@@ -145,21 +125,11 @@ const UNREACHABLE: u16 = u16::MAX;
 impl Solution {
     fn new(level: &Level) -> Solution {
         let targets = level.targets();
-        let distances: Vec<Vec<u16>> = targets
-            .iter()
-            .map(|&target| distances_from(level, target))
-            .collect();
-        let legs: Vec<u16> = distances
-            .iter()
-            .flat_map(|distances| targets.iter().map(|&target| distances[target]))
-            .collect();
+        let distances: Vec<Vec<u16>> = targets.iter().map(|&target| distances_from(level, target)).collect();
+        let legs: Vec<u16> =
+            distances.iter().flat_map(|distances| targets.iter().map(|&target| distances[target])).collect();
         let tours = Tours::new(targets.len(), legs);
-        Solution {
-            width: level.width(),
-            cells: level.cells().into(),
-            distances,
-            tours,
-        }
+        Solution { width: level.width(), cells: level.cells().into(), distances, tours }
     }
 
     fn is_of(&self, level: &Level) -> bool {
@@ -173,15 +143,9 @@ impl Solution {
             let walks = (0..count).map(|first| {
                 let approach = u32::from(self.distances[first][start]);
                 let length = approach + u32::from(self.tours.shortest(targets, first).length);
-                Walk {
-                    targets,
-                    first,
-                    length,
-                }
+                Walk { targets, first, length }
             });
-            walks
-                .min_by_key(|walk| walk.length)
-                .filter(|walk| walk.length <= limit)
+            walks.min_by_key(|walk| walk.length).filter(|walk| walk.length <= limit)
         })
     }
 
@@ -195,8 +159,7 @@ impl Solution {
         for target in self.tours.order(walk.targets, walk.first) {
             let distances = &self.distances[target];
             let closer = |cell: usize| {
-                let nearer =
-                    |&action: &Action| distances[level.neighbor(cell, action)] < distances[cell];
+                let nearer = |&action: &Action| distances[level.neighbor(cell, action)] < distances[cell];
                 Action::ALL.into_iter().find(nearer)
             };
             while let Some(action) = closer(cell) {

@@ -28,12 +28,7 @@ impl<R: Rng> Planner for Random<R> {
         "random"
     }
 
-    fn plan(
-        &mut self,
-        level: &Level,
-        start: usize,
-        max_steps: u32,
-    ) -> Result<Vec<Action>, PlanError> {
+    fn plan(&mut self, level: &Level, start: usize, max_steps: u32) -> Result<Vec<Action>, PlanError> {
         let mut state = State::at_start(level, start)?;
         let mut actions = Vec::new();
         loop {

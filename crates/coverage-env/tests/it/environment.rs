@@ -20,28 +20,14 @@ struct Model {
 
 impl Model {
     fn new(level: &Level, start: usize) -> Model {
-        let map = level
-            .to_map()
-            .lines()
-            .map(|row| row.chars().collect())
-            .collect();
+        let map = level.to_map().lines().map(|row| row.chars().collect()).collect();
         let agent = level.position(start);
-        Model {
-            map,
-            agent,
-            visited: HashSet::from([agent]),
-            steps: 0,
-        }
+        Model { map, agent, visited: HashSet::from([agent]), steps: 0 }
     }
 
     fn targets_left(&self) -> usize {
-        let cells = (0..self.map.len())
-            .flat_map(|row| (0..self.map[0].len()).map(move |column| (row, column)));
-        cells
-            .filter(|&(row, column)| {
-                self.map[row][column] == 'T' && !self.visited.contains(&(row, column))
-            })
-            .count()
+        let cells = (0..self.map.len()).flat_map(|row| (0..self.map[0].len()).map(move |column| (row, column)));
+        cells.filter(|&(row, column)| self.map[row][column] == 'T' && !self.visited.contains(&(row, column))).count()
     }
 
     fn step(&mut self, action: u8, max_steps: u32) -> Step {
@@ -62,11 +48,7 @@ impl Model {
             }
         }
         self.steps += 1;
-        Step {
-            reward,
-            terminated: self.targets_left() == 0,
-            truncated: self.steps >= max_steps,
-        }
+        Step { reward, terminated: self.targets_left() == 0, truncated: self.steps >= max_steps }
     }
 }
 
@@ -142,21 +124,13 @@ proptest! {
 /// One corridor, each number written down by hand.
 #[test]
 fn rewards_of_a_corridor() {
-    let level = Arc::new(
-        Level::from_map("corridor", ".TT#.")
-            .unwrap_err()
-            .to_string(),
-    );
+    let level = Arc::new(Level::from_map("corridor", ".TT#.").unwrap_err().to_string());
     assert!(level.contains("row 1, column 5"), "{level}");
 
     let level = Arc::new(Level::from_map("corridor", ".TT").unwrap());
     let mut env = CoverageEnv::new(level, 4);
     let mut step = |action| {
-        let Step {
-            reward,
-            terminated,
-            truncated,
-        } = env.step(action);
+        let Step { reward, terminated, truncated } = env.step(action);
         (reward, terminated, truncated)
     };
     assert_eq!(step(Action::Left), (-1.0, false, false));
@@ -175,14 +149,8 @@ fn episodes_start_only_on_free_cells() {
     let mut env = CoverageEnv::new(Arc::clone(&level), MAX_STEPS);
     assert_eq!(env.reset_at(2), Err(StartError::Wall { start: 2 }));
     assert_eq!(env.reset_at(4), Err(StartError::Target { start: 4 }));
-    assert_eq!(
-        env.reset_at(6),
-        Err(StartError::Outside { start: 6, cells: 6 })
-    );
-    assert_eq!(
-        env.reset_at(6).unwrap_err().to_string(),
-        "start cell 6 lies outside the map of 6 cells (0 to 5)"
-    );
+    assert_eq!(env.reset_at(6), Err(StartError::Outside { start: 6, cells: 6 }));
+    assert_eq!(env.reset_at(6).unwrap_err().to_string(), "start cell 6 lies outside the map of 6 cells (0 to 5)");
     assert_eq!(env.reset_at(5), Ok(()));
 }
 
@@ -190,57 +158,31 @@ fn episodes_start_only_on_free_cells() {
 fn states_that_cannot_be_are_refused() {
     let level = Arc::new(Level::from_map("small", "..#\n.TT").unwrap());
     let mut env = CoverageEnv::new(Arc::clone(&level), MAX_STEPS);
-    let good = State {
-        agent: 4,
-        visited: vec![0b010010].into(),
-        remaining: 1,
-        steps: 3,
-    };
+    let good = State { agent: 4, visited: vec![0b010010].into(), remaining: 1, steps: 3 };
     assert_eq!(env.set_state(good.clone()), Ok(()));
     let mut refused = |change: &dyn Fn(&mut State)| {
         let mut state = good.clone();
         change(&mut state);
         let error = env.set_state(state).unwrap_err().to_string();
         assert_eq!(env.state(), &good);
-        error
-            .strip_prefix("not a state of the level: ")
-            .unwrap()
-            .to_owned()
+        error.strip_prefix("not a state of the level: ").unwrap().to_owned()
     };
-    assert_eq!(
-        refused(&|state| state.agent = 6),
-        "the agent is outside the map"
-    );
+    assert_eq!(refused(&|state| state.agent = 6), "the agent is outside the map");
     assert_eq!(
         refused(&|state| state.visited = vec![0b010010, 0].into()),
         "its visited cells belong to a map of another size"
     );
     for bits in [0b010110, 0b1010010] {
-        assert_eq!(
-            refused(&|state| state.visited = vec![bits].into()),
-            "a visited cell is a wall or outside the map"
-        );
+        assert_eq!(refused(&|state| state.visited = vec![bits].into()), "a visited cell is a wall or outside the map");
     }
-    assert_eq!(
-        refused(&|state| state.agent = 3),
-        "the agent's own cell is not visited"
-    );
+    assert_eq!(refused(&|state| state.agent = 3), "the agent's own cell is not visited");
     assert_eq!(
         refused(&|state| state.visited = vec![0b010000].into()),
         "no cell is visited that it can have started on"
     );
-    assert_eq!(
-        refused(&|state| state.remaining = 2),
-        "the number of remaining targets contradicts the visited cells"
-    );
-    assert_eq!(
-        refused(&|state| state.steps = 201),
-        "it has more steps than the step limit allows"
-    );
-    assert_eq!(
-        refused(&|state| state.steps = 0),
-        "it has visited more cells than its steps allow"
-    );
+    assert_eq!(refused(&|state| state.remaining = 2), "the number of remaining targets contradicts the visited cells");
+    assert_eq!(refused(&|state| state.steps = 201), "it has more steps than the step limit allows");
+    assert_eq!(refused(&|state| state.steps = 0), "it has visited more cells than its steps allow");
 }
 
 #[test]
@@ -256,19 +198,6 @@ fn starts_are_uniform() {
     }
     assert_eq!(level.starts().len(), 41);
     // Six standard deviations of a binomial(41 000, 1/41) are 188.
-    assert!(
-        level
-            .starts()
-            .iter()
-            .all(|&start| counts[start].abs_diff(1000) < 188),
-        "{counts:?}"
-    );
-    assert_eq!(
-        level
-            .starts()
-            .iter()
-            .map(|&start| counts[start])
-            .sum::<u32>(),
-        episodes
-    );
+    assert!(level.starts().iter().all(|&start| counts[start].abs_diff(1000) < 188), "{counts:?}");
+    assert_eq!(level.starts().iter().map(|&start| counts[start]).sum::<u32>(), episodes);
 }

@@ -44,11 +44,7 @@ fn record(level: &Arc<Level>, start: usize, max_steps: u32, actions: &[Action]) 
     for &action in actions {
         let step = env.step(action);
         let bit = |cell| {
-            if env.state().visited.contains(cell) {
-                '1'
-            } else {
-                '0'
-            }
+            if env.state().visited.contains(cell) { '1' } else { '0' }
         };
         steps.push(Record {
             action: action as u8,
@@ -62,21 +58,13 @@ fn record(level: &Arc<Level>, start: usize, max_steps: u32, actions: &[Action]) 
             break;
         }
     }
-    Episode {
-        start: level.position(start),
-        max_steps,
-        steps,
-    }
+    Episode { start: level.position(start), max_steps, steps }
 }
 
 /// What is worth recording on a level.
 fn episodes(level: &Arc<Level>) -> Vec<Episode> {
     let (first, last) = (level.starts()[0], level.starts()[level.starts().len() - 1]);
-    let optimal = |start| {
-        Optimal::new()
-            .plan(level, start, MAX_STEPS)
-            .expect("a plan")
-    };
+    let optimal = |start| Optimal::new().plan(level, start, MAX_STEPS).expect("a plan");
     let mut random = Random::new(ChaCha8Rng::seed_from_u64(0));
     let random = random.plan(level, first, MAX_STEPS).expect("a plan");
     let just_enough = optimal(last).len() as u32;
@@ -108,9 +96,7 @@ fn golden_trajectories_are_followed() {
         for episode in golden.episodes {
             let action = |step: &Record| Action::from_index(step.action).expect("an action");
             let actions: Vec<Action> = episode.steps.iter().map(action).collect();
-            let start = level
-                .index(episode.start.0, episode.start.1)
-                .expect("on the map");
+            let start = level.index(episode.start.0, episode.start.1).expect("on the map");
             let now = record(&level, start, episode.max_steps, &actions);
             assert_eq!(now, episode, "{} from {:?}", path.display(), episode.start);
             played += 1;
@@ -121,33 +107,15 @@ fn golden_trajectories_are_followed() {
 
 fn write_anew() {
     let generate = |height, width, wall_density, num_targets| {
-        let spec = LevelSpec {
-            height,
-            width,
-            wall_density,
-            num_targets,
-            seed: 0,
-        };
+        let spec = LevelSpec { height, width, wall_density, num_targets, seed: 0 };
         Arc::new(spec.generate().expect("a level"))
     };
-    for level in [
-        builtin("0"),
-        builtin("4"),
-        generate(5, 11, 0.25, 5),
-        generate(9, 4, 0.3, 4),
-    ] {
+    for level in [builtin("0"), builtin("4"), generate(5, 11, 0.25, 5), generate(9, 4, 0.3, 4)] {
         let map: Vec<String> = level.to_map().lines().map(str::to_owned).collect();
-        let golden = Golden {
-            name: level.name().to_owned(),
-            map,
-            episodes: episodes(&level),
-        };
+        let golden = Golden { name: level.name().to_owned(), map, episodes: episodes(&level) };
         // A line for each step reads well, and so do differences.
         let text = serde_json::to_string(&golden).expect("plain data");
-        let text = text
-            .replace("{\"start\"", "\n{\"start\"")
-            .replace("{\"action\"", "\n{\"action\"");
-        std::fs::write(folder().join(format!("{}.json", level.name())), text + "\n")
-            .expect("written");
+        let text = text.replace("{\"start\"", "\n{\"start\"").replace("{\"action\"", "\n{\"action\"");
+        std::fs::write(folder().join(format!("{}.json", level.name())), text + "\n").expect("written");
     }
 }

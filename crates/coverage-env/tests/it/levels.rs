@@ -15,10 +15,7 @@ fn the_built_in_levels_are_the_studys() {
         assert_eq!((level.name(), level.height(), level.width()), (id, 8, 8));
         (level.targets().len(), level.starts().len())
     };
-    assert_eq!(
-        BUILTIN_IDS.map(counts),
-        [(8, 55), (9, 50), (7, 48), (7, 46), (6, 41)]
-    );
+    assert_eq!(BUILTIN_IDS.map(counts), [(8, 55), (9, 50), (7, 48), (7, 46), (6, 41)]);
     assert!(Level::builtin("5").is_none());
 }
 
@@ -68,18 +65,9 @@ fn map_errors_say_where_and_what_to_do() {
         error("..T\n\n..T\n"),
         "m: row 2, column 1: the row has 0 cells and the first row has 3; make all rows equally long"
     );
-    assert_eq!(
-        error("\n"),
-        "m: the map is empty; write rows of '.' (free), '#' (wall) and 'T' (target)"
-    );
-    assert_eq!(
-        error("..#"),
-        "m: the map has no target; mark the cells to visit with 'T'"
-    );
-    assert_eq!(
-        error("T#"),
-        "m: the map has no start cell; leave at least one cell free ('.')"
-    );
+    assert_eq!(error("\n"), "m: the map is empty; write rows of '.' (free), '#' (wall) and 'T' (target)");
+    assert_eq!(error("..#"), "m: the map has no target; mark the cells to visit with 'T'");
+    assert_eq!(error("T#"), "m: the map has no start cell; leave at least one cell free ('.')");
     assert_eq!(
         error("..T#\n####\n...T\n###.\nTT#."),
         "m: row 5, column 1: no start cell can reach this target; open a way to it, or make it a wall ('#')"
@@ -124,10 +112,7 @@ fn file_errors_say_where_and_what_to_do() {
         (b".T\n..\n", "line 1"),
     ] {
         let error = error(bytes);
-        assert!(
-            error.starts_with("a.yaml: ") && error.ends_with(form),
-            "{error}"
-        );
+        assert!(error.starts_with("a.yaml: ") && error.ends_with(form), "{error}");
         assert!(error.contains(says) && !error.contains('\n'), "{error}");
     }
     let large = vec![b'#'; MAX_FILE_BYTES as usize + 1];
@@ -147,9 +132,7 @@ fn a_level_is_an_id_or_a_path() {
         "no such level: neither a built-in level (0, 1, 2, 3, 4) nor an existing file; give one of these ids or \
          the path of a level's YAML file"
     );
-    let folder = Level::resolve(&levels.to_string_lossy())
-        .unwrap_err()
-        .to_string();
+    let folder = Level::resolve(&levels.to_string_lossy()).unwrap_err().to_string();
     assert!(folder.contains("cannot be read"), "{folder}");
 }
 

@@ -42,11 +42,8 @@ fn check(env: &CoverageEnv) -> Result<(), TestCaseError> {
     prop_assert!(constant.is_sorted());
     let mut ones = [active, constant].concat();
     ones.sort_unstable();
-    let expected: Vec<u16> = (0..=u16::MAX)
-        .zip(&expected)
-        .filter(|&(_, &value)| value == 1.0)
-        .map(|(input, _)| input)
-        .collect();
+    let expected: Vec<u16> =
+        (0..=u16::MAX).zip(&expected).filter(|&(_, &value)| value == 1.0).map(|(input, _)| input).collect();
     prop_assert_eq!(ones, expected);
     Ok(())
 }

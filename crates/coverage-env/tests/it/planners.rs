@@ -16,14 +16,8 @@ use crate::support::{builtin, levels, levels_with_start};
 fn earned(planner: &mut dyn Planner, level: &Arc<Level>, start: usize, max_steps: u32) -> i64 {
     let actions = planner.plan(level, start, max_steps).expect("a plan");
     let result = replay(level, start, max_steps, &actions).expect("a start");
-    assert_eq!(
-        (result.start, result.length as usize),
-        (start, actions.len())
-    );
-    assert!(
-        result.solved || result.length == max_steps.max(1),
-        "the plan ends before its episode"
-    );
+    assert_eq!((result.start, result.length as usize), (start, actions.len()));
+    assert!(result.solved || result.length == max_steps.max(1), "the plan ends before its episode");
     result.return_
 }
 
@@ -31,12 +25,7 @@ fn earned(planner: &mut dyn Planner, level: &Arc<Level>, start: usize, max_steps
 /// of targets, tours or distances.
 fn best_by_search(level: &Level, start: usize, max_steps: u32) -> i64 {
     let targets = level.targets();
-    let bit = |cell: usize| {
-        targets
-            .iter()
-            .position(|&target| target == cell)
-            .map_or(0, |bit| 1u32 << bit)
-    };
+    let bit = |cell: usize| targets.iter().position(|&target| target == cell).map_or(0, |bit| 1u32 << bit);
     let mut seen = HashSet::from([(start, 0)]);
     let mut frontier = vec![(start, 0)];
     let mut most = 0;
@@ -61,10 +50,7 @@ fn best_by_search(level: &Level, start: usize, max_steps: u32) -> i64 {
 }
 
 fn mean_return(planner: &mut dyn Planner, level: &Arc<Level>) -> f64 {
-    let returns = level
-        .starts()
-        .iter()
-        .map(|&start| earned(planner, level, start, MAX_STEPS));
+    let returns = level.starts().iter().map(|&start| earned(planner, level, start, MAX_STEPS));
     returns.sum::<i64>() as f64 / level.starts().len() as f64
 }
 
@@ -117,18 +103,14 @@ fn astar_earns_what_the_studys_does() {
     let studys = [42.255, 45.420, 40.083, 40.283, 31.073];
     for (id, theirs) in BUILTIN_IDS.into_iter().zip(studys) {
         let ours = mean_return(&mut AStar, &builtin(id));
-        assert!(
-            (ours - theirs).abs() <= 0.75,
-            "level {id}: {ours} against {theirs}"
-        );
+        assert!((ours - theirs).abs() <= 0.75, "level {id}: {ours} against {theirs}");
     }
 }
 
 /// `planner_returns.json`: measured by independent implementations, for levels 0 to 2.
 #[test]
 fn every_start_agrees_with_the_reference() {
-    let reference: Value =
-        serde_json::from_str(include_str!("../fixtures/planner_returns.json")).unwrap();
+    let reference: Value = serde_json::from_str(include_str!("../fixtures/planner_returns.json")).unwrap();
     let mut planner = Optimal::new();
     for (id, starts) in reference.as_object().unwrap() {
         let level = builtin(id);
@@ -137,11 +119,7 @@ fn every_start_agrees_with_the_reference() {
         for (entry, &start) in starts.iter().zip(level.starts()) {
             let (row, column) = level.position(start);
             assert_eq!(entry["start"], serde_json::json!([row, column]));
-            assert_eq!(
-                entry["optimal"],
-                earned(&mut planner, &level, start, MAX_STEPS),
-                "level {id}, {row} {column}"
-            );
+            assert_eq!(entry["optimal"], earned(&mut planner, &level, start, MAX_STEPS), "level {id}, {row} {column}");
             assert!(entry["greedy_astar"].as_i64() <= entry["optimal"].as_i64());
         }
     }
@@ -151,9 +129,7 @@ fn every_start_agrees_with_the_reference() {
 fn random_actions_are_reproducible_and_poor() {
     let level = builtin("0");
     let mut planners = [3, 3, 4].map(|seed| Random::new(ChaCha8Rng::seed_from_u64(seed)));
-    let plans = planners
-        .each_mut()
-        .map(|planner| planner.plan(&level, 0, MAX_STEPS).unwrap());
+    let plans = planners.each_mut().map(|planner| planner.plan(&level, 0, MAX_STEPS).unwrap());
     assert_eq!(plans[0], plans[1]);
     assert_ne!(plans[0], plans[2]);
     let mean = mean_return(&mut planners[0], &level);
@@ -165,34 +141,19 @@ fn too_many_targets_are_refused_with_advice() {
     let map = format!(".{}", "T".repeat(MAX_TARGETS + 1));
     let level = Level::from_map("comb", &map).unwrap();
     let error = Optimal::new().plan(&level, 0, MAX_STEPS).unwrap_err();
-    assert_eq!(
-        error,
-        PlanError::TooManyTargets {
-            targets: MAX_TARGETS + 1
-        }
-    );
-    assert!(
-        error.to_string().contains("use the planner astar"),
-        "{error}"
-    );
+    assert_eq!(error, PlanError::TooManyTargets { targets: MAX_TARGETS + 1 });
+    assert!(error.to_string().contains("use the planner astar"), "{error}");
 }
 
 #[test]
 fn planners_refuse_impossible_starts() {
     let level = Level::from_map("small", ".#\n.T").unwrap();
-    let planners: [&mut dyn Planner; 3] = [
-        &mut AStar,
-        &mut Optimal::new(),
-        &mut Random::new(ChaCha8Rng::seed_from_u64(0)),
-    ];
+    let planners: [&mut dyn Planner; 3] =
+        [&mut AStar, &mut Optimal::new(), &mut Random::new(ChaCha8Rng::seed_from_u64(0))];
     for planner in planners {
-        let plan =
-            |planner: &mut dyn Planner, start| planner.plan(&level, start, MAX_STEPS).unwrap_err();
+        let plan = |planner: &mut dyn Planner, start| planner.plan(&level, start, MAX_STEPS).unwrap_err();
         assert_eq!(plan(planner, 1), StartError::Wall { start: 1 }.into());
         assert_eq!(plan(planner, 3), StartError::Target { start: 3 }.into());
-        assert_eq!(
-            plan(planner, 4),
-            StartError::Outside { start: 4, cells: 4 }.into()
-        );
+        assert_eq!(plan(planner, 4), StartError::Outside { start: 4, cells: 4 }.into());
     }
 }

@@ -30,9 +30,7 @@ pub(crate) fn levels(most_targets: usize) -> impl Strategy<Value = Arc<Level>> {
                 }
             }
             let rows: Vec<String> = map.chunks(width).map(|row| row.iter().collect()).collect();
-            Some(Arc::new(
-                Level::from_map("random", &rows.join("\n")).expect("a valid map"),
-            ))
+            Some(Arc::new(Level::from_map("random", &rows.join("\n")).expect("a valid map")))
         })
 }
 
@@ -61,9 +59,7 @@ fn largest_region(walls: &[bool], width: usize) -> Vec<usize> {
     largest
 }
 
-pub(crate) fn actions(
-    count: impl Into<prop::collection::SizeRange>,
-) -> impl Strategy<Value = Vec<Action>> {
+pub(crate) fn actions(count: impl Into<prop::collection::SizeRange>) -> impl Strategy<Value = Vec<Action>> {
     prop::collection::vec(prop::sample::select(Action::ALL.to_vec()), count)
 }
 

@@ -77,17 +77,12 @@ fn refuses_states_that_are_not_of_running_episodes() {
     let level = builtin("1");
     let fresh = State::at_start(&level, 0).unwrap();
     let restore = |states: Vec<State>| {
-        VecEnv::restore(Arc::clone(&level), MAX_STEPS, states, rngs(1))
-            .map(|_| ())
-            .map_err(|error| error.to_string())
+        VecEnv::restore(Arc::clone(&level), MAX_STEPS, states, rngs(1)).map(|_| ()).map_err(|error| error.to_string())
     };
     assert_eq!(restore(vec![fresh.clone()]), Ok(()));
     let mut over = fresh.clone();
     over.steps = MAX_STEPS;
-    assert_eq!(
-        restore(vec![over]),
-        Err("not a state of the level: its episode is over".into())
-    );
+    assert_eq!(restore(vec![over]), Err("not a state of the level: its episode is over".into()));
     assert!(restore(vec![fresh.clone(), fresh]).is_err());
     let elsewhere = State::at_start(&builtin("0"), 27).unwrap();
     assert!(restore(vec![elsewhere]).is_err());

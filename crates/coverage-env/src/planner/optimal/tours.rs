@@ -34,13 +34,7 @@ impl Tours {
     /// 2ⁿ · n · 2 bytes.
     pub(super) fn new(count: usize, legs: Vec<u16>) -> Tours {
         let mut lengths = vec![NONE; count << count];
-        let mut shortest = vec![
-            Tour {
-                length: NONE,
-                subset: 0
-            };
-            (count + 1) * count
-        ];
+        let mut shortest = vec![Tour { length: NONE, subset: 0 }; (count + 1) * count];
         // Subsets come after their own subsets.
         for subset in 1..1usize << count {
             for first in (0..count).filter(|first| subset >> first & 1 == 1) {
@@ -49,32 +43,17 @@ impl Tours {
                 // the loop is one of vector instructions.
                 let onward = &lengths[rest * count..][..count];
                 let from_first = &legs[first * count..][..count];
-                let sums = from_first
-                    .iter()
-                    .zip(onward)
-                    .map(|(leg, tour)| leg.saturating_add(*tour));
-                let length = if rest == 0 {
-                    0
-                } else {
-                    sums.fold(NONE, u16::min)
-                };
+                let sums = from_first.iter().zip(onward).map(|(leg, tour)| leg.saturating_add(*tour));
+                let length = if rest == 0 { 0 } else { sums.fold(NONE, u16::min) };
                 lengths[subset * count + first] = length;
 
                 let record = &mut shortest[subset.count_ones() as usize * count + first];
                 if length < record.length {
-                    *record = Tour {
-                        length,
-                        subset: subset as Subset,
-                    };
+                    *record = Tour { length, subset: subset as Subset };
                 }
             }
         }
-        Tours {
-            count,
-            legs,
-            lengths,
-            shortest,
-        }
+        Tours { count, legs, lengths, shortest }
     }
 
     /// The shortest tour from `first` through `targets` targets, itself included.
@@ -94,9 +73,7 @@ impl Tours {
                 let tour = self.lengths[left as usize * self.count + after];
                 self.legs[target * self.count + after].saturating_add(tour)
             };
-            next = (0..self.count)
-                .filter(|after| left >> after & 1 == 1)
-                .min_by_key(onward);
+            next = (0..self.count).filter(|after| left >> after & 1 == 1).min_by_key(onward);
         }
         order
     }
