@@ -55,8 +55,7 @@ impl CellSet {
     /// The cells of the set, ascending.
     #[inline]
     pub fn iter(&self) -> Cells<'_> {
-        let (&bits, later) = self.words().split_first().unwrap_or((&0, &[]));
-        Cells { bits, base: 0, later }
+        Cells::of(self.words())
     }
 
     /// The words, lowest cells first.
@@ -85,6 +84,15 @@ pub struct Cells<'a> {
     /// The cell of the current word's lowest bit.
     base: usize,
     later: &'a [u64],
+}
+
+impl<'a> Cells<'a> {
+    /// The positions of the ones in `words`, lowest first.
+    #[inline]
+    pub fn of(words: &'a [u64]) -> Cells<'a> {
+        let (&bits, later) = words.split_first().unwrap_or((&0, &[]));
+        Cells { bits, base: 0, later }
+    }
 }
 
 impl Iterator for Cells<'_> {

@@ -1,5 +1,6 @@
 //! What the agent sees: a state as a binary array.
 
+use crate::cell_set::Cells;
 use crate::env::State;
 use crate::level::Level;
 
@@ -17,7 +18,9 @@ use crate::level::Level;
 #[derive(Clone, Copy, Debug)]
 pub struct Observation<'a> {
     level: &'a Level,
-    state: &'a State,
+    agent: u16,
+    /// As [`CellSet::words`](crate::CellSet::words) gives it.
+    visited: &'a [u64],
 }
 
 impl<'a> Observation<'a> {
@@ -26,7 +29,13 @@ impl<'a> Observation<'a> {
 
     /// What the agent sees in `state`, which must be a state of `level`.
     pub fn new(level: &'a Level, state: &'a State) -> Observation<'a> {
-        Observation { level, state }
+        Observation::packed(level, state.agent, state.visited.words())
+    }
+
+    /// What the agent sees from cell `agent` when it has been on the cells of `visited`, words as
+    /// [`CellSet::words`](crate::CellSet::words) gives them: the form in which observations are stored.
+    pub fn packed(level: &'a Level, agent: u16, visited: &'a [u64]) -> Observation<'a> {
+        Observation { level, agent, visited }
     }
 
     /// The number of inputs of an observation of `level`, 4 · H · W.
@@ -46,9 +55,9 @@ impl<'a> Observation<'a> {
         let (targets, visited) = rest.split_at_mut(cells);
         write_bits(self.level.open_cells().words(), open);
         agent.fill(0.0);
-        agent[usize::from(self.state.agent)] = 1.0;
+        agent[usize::from(self.agent)] = 1.0;
         write_bits(self.level.target_cells().words(), targets);
-        write_bits(self.state.visited.words(), visited);
+        write_bits(self.visited, visited);
     }
 
     /// The inputs that are 1 in every state of `level`, ascending: channels 0 and 2.
@@ -65,11 +74,12 @@ impl<'a> Observation<'a> {
     /// cells'. At least 2 and at most H · W + 1 of them.
     pub fn push_active(&self, out: &mut Vec<u16>) {
         let cells = self.level.len();
-        out.push((cells + usize::from(self.state.agent)) as u16);
+        out.push((cells + usize::from(self.agent)) as u16);
         // Room is made once, so that the loop has no capacity to check.
         let first = out.len();
-        out.resize(first + self.state.visited.count(), 0);
-        for (input, cell) in out[first..].iter_mut().zip(self.state.visited.iter()) {
+        let count: usize = self.visited.iter().map(|word| word.count_ones() as usize).sum();
+        out.resize(first + count, 0);
+        for (input, cell) in out[first..].iter_mut().zip(Cells::of(self.visited)) {
             *input = (3 * cells + cell) as u16;
         }
     }

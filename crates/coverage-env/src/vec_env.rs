@@ -120,6 +120,11 @@ impl<R: Rng> VecEnv<R> {
         &self.rngs
     }
 
+    /// What the last [`step`](VecEnv::step) brought, per environment; empty before the first.
+    pub fn steps(&self) -> &[VecStep] {
+        &self.steps
+    }
+
     /// Where each environment's last episode ended; meaningful where the last step ended one.
     pub fn final_states(&self) -> &[State] {
         &self.final_states
