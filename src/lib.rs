@@ -1,1 +1,3 @@
 //! Loss of plasticity in reinforcement learning on coverage path planning.
+
+pub mod config;

@@ -1,0 +1,167 @@
+//! What one setting is: a place in a [`Config`](super::Config), the values it allows, and its form in files.
+
+use std::ops::RangeInclusive;
+
+use serde_json::Value;
+
+/// One setting, borrowed from a config.
+pub trait Field {
+    /// Takes a value from outside.
+    ///
+    /// # Errors
+    /// What is allowed, in words that follow "expected".
+    fn set(&mut self, value: &Value) -> Result<(), String>;
+    /// The value as it is written.
+    fn get(&self) -> Value;
+}
+
+/// A setting with a closed list of values.
+pub trait Choice: Copy + PartialEq + 'static {
+    /// Every value with its name in files.
+    const ALL: &'static [(&'static str, Self)];
+
+    /// The value's name in files.
+    fn name(self) -> &'static str {
+        Self::ALL.iter().find(|(_, value)| *value == self).map_or("", |(name, _)| name)
+    }
+}
+
+struct Integer<'a, T> {
+    place: &'a mut T,
+    range: RangeInclusive<u64>,
+}
+
+/// An integer within `range`.
+pub(super) fn integer<'a, T>(place: &'a mut T, range: RangeInclusive<u64>) -> impl Field + 'a
+where
+    T: Copy + TryFrom<u64> + TryInto<u64>,
+{
+    Integer { place, range }
+}
+
+impl<T: Copy + TryFrom<u64> + TryInto<u64>> Field for Integer<'_, T> {
+    fn set(&mut self, value: &Value) -> Result<(), String> {
+        let taken = whole(value).filter(|v| self.range.contains(v)).and_then(|v| T::try_from(v).ok());
+        *self.place = taken.ok_or_else(|| within("an integer", &self.range))?;
+        Ok(())
+    }
+
+    fn get(&self) -> Value {
+        (*self.place).try_into().map_or(Value::Null, Value::from)
+    }
+}
+
+fn within(what: &str, range: &RangeInclusive<u64>) -> String {
+    format!("{what} from {} to {}", range.start(), range.end())
+}
+
+/// The integer a value stands for: `500000`, but `5e5` and `500000.0` too.
+fn whole(value: &Value) -> Option<u64> {
+    value.as_u64().or_else(|| {
+        let number = value.as_f64()?;
+        (number.fract() == 0.0 && (0.0..9.0e15).contains(&number)).then_some(number as u64)
+    })
+}
+
+struct Float<'a> {
+    place: &'a mut f64,
+    allows: fn(f64) -> bool,
+    allowed: &'static str,
+}
+
+/// A finite number above 0.
+pub(super) fn positive(place: &mut f64) -> impl Field + '_ {
+    Float { place, allows: |v| v > 0.0, allowed: "a number above 0" }
+}
+
+/// A finite number, 0 or above.
+pub(super) fn non_negative(place: &mut f64) -> impl Field + '_ {
+    Float { place, allows: |v| v >= 0.0, allowed: "a number, 0 or above" }
+}
+
+/// A number from 0 to 1.
+pub(super) fn fraction(place: &mut f64) -> impl Field + '_ {
+    Float { place, allows: |v| (0.0..=1.0).contains(&v), allowed: "a number from 0 to 1" }
+}
+
+impl Field for Float<'_> {
+    fn set(&mut self, value: &Value) -> Result<(), String> {
+        let taken = value.as_f64().filter(|&v| v.is_finite() && (self.allows)(v));
+        *self.place = taken.ok_or(self.allowed)?;
+        Ok(())
+    }
+
+    fn get(&self) -> Value {
+        (*self.place).into()
+    }
+}
+
+struct Flag<'a>(&'a mut bool);
+
+/// `true` or `false`.
+pub(super) fn flag(place: &mut bool) -> impl Field + '_ {
+    Flag(place)
+}
+
+impl Field for Flag<'_> {
+    fn set(&mut self, value: &Value) -> Result<(), String> {
+        *self.0 = value.as_bool().ok_or("true or false")?;
+        Ok(())
+    }
+
+    fn get(&self) -> Value {
+        (*self.0).into()
+    }
+}
+
+struct OneOf<'a, T>(&'a mut T);
+
+/// One of the names of a [`Choice`].
+pub(super) fn choice<T: Choice>(place: &mut T) -> impl Field + '_ {
+    OneOf(place)
+}
+
+impl<T: Choice> Field for OneOf<'_, T> {
+    fn set(&mut self, value: &Value) -> Result<(), String> {
+        let named = value.as_str().and_then(|s| T::ALL.iter().find(|(name, _)| *name == s));
+        let (_, taken) = named.ok_or_else(|| {
+            let names: Vec<&str> = T::ALL.iter().map(|(name, _)| *name).collect();
+            format!("one of {}", names.join(", "))
+        })?;
+        *self.0 = *taken;
+        Ok(())
+    }
+
+    fn get(&self) -> Value {
+        self.0.name().into()
+    }
+}
+
+struct List<'a> {
+    place: &'a mut Vec<usize>,
+    length: RangeInclusive<usize>,
+    each: RangeInclusive<u64>,
+}
+
+/// A list of integers; `length` and `each` bound its length and its entries.
+pub(super) fn list(place: &mut Vec<usize>, length: RangeInclusive<usize>, each: RangeInclusive<u64>) -> impl Field {
+    List { place, length, each }
+}
+
+impl Field for List<'_> {
+    fn set(&mut self, value: &Value) -> Result<(), String> {
+        let taken = value.as_array().filter(|list| self.length.contains(&list.len())).and_then(|list| {
+            let entry = |v| whole(v).filter(|v| self.each.contains(v)).and_then(|v| usize::try_from(v).ok());
+            list.iter().map(entry).collect::<Option<Vec<usize>>>()
+        });
+        *self.place = taken.ok_or_else(|| {
+            let entries = within("integers", &self.each);
+            format!("a list of {} to {} {entries}, such as [64, 64]", self.length.start(), self.length.end())
+        })?;
+        Ok(())
+    }
+
+    fn get(&self) -> Value {
+        self.place.clone().into()
+    }
+}
