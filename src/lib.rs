@@ -1,3 +1,4 @@
 //! Loss of plasticity in reinforcement learning on coverage path planning.
 
+pub mod agent;
 pub mod config;

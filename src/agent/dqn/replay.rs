@@ -1,0 +1,159 @@
+//! The replay buffer: a ring of transitions with packed observations.
+
+use std::sync::Arc;
+
+use bit_mlp::BitBatch;
+use coverage_env::random::below;
+use coverage_env::{Action, Level, Observation, State, VecEnv};
+use rand::Rng;
+
+use crate::agent::observations;
+
+/// A ring of transitions of one seed on one level, the oldest overwritten first.
+///
+/// An observation is the agent's cell and one bit per visited cell: everything else is the level's. At 8×8 a transition
+/// takes 26 bytes, so that 100,000 of them take 2.6 MB.
+#[derive(Clone, Debug)]
+pub struct Replay {
+    level: Arc<Level>,
+    capacity: usize,
+    /// Words of one observation's visited cells.
+    words: usize,
+    /// Transitions stored.
+    len: usize,
+    /// Where the next one goes.
+    next: usize,
+    /// The agent's cell before and after, `[capacity, 2]`.
+    cells: Vec<u16>,
+    /// Visited cells before and after, `[capacity, 2, words]`.
+    visited: Vec<u64>,
+    /// `[capacity]`.
+    actions: Vec<u8>,
+    /// `[capacity]`.
+    rewards: Vec<f32>,
+    /// Whether the episode terminated; a truncated one goes on as far as learning knows, `[capacity]`.
+    terminated: Vec<bool>,
+}
+
+/// A minibatch of B transitions.
+#[derive(Clone, Debug, Default)]
+pub struct Transitions {
+    /// Observations acted upon, `[B]`.
+    pub inputs: BitBatch,
+    /// Observations that followed: the final one where the episode ended, `[B]`.
+    pub next: BitBatch,
+    /// `[B]`.
+    pub actions: Vec<u8>,
+    /// `[B]`.
+    pub rewards: Vec<f32>,
+    /// `[B]`.
+    pub terminated: Vec<bool>,
+}
+
+impl Replay {
+    /// An empty buffer for `capacity` transitions.
+    pub fn new(capacity: usize, level: &Arc<Level>) -> Self {
+        let words = level.len().div_ceil(64);
+        Self {
+            level: level.clone(),
+            capacity,
+            words,
+            len: 0,
+            next: 0,
+            cells: vec![0; capacity * 2],
+            visited: vec![0; capacity * 2 * words],
+            actions: vec![0; capacity],
+            rewards: vec![0.0; capacity],
+            terminated: vec![false; capacity],
+        }
+    }
+
+    /// Transitions stored.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Bytes that the buffer takes.
+    pub fn bytes(&self) -> usize {
+        self.cells.len() * 2 + self.visited.len() * 8 + self.actions.len() * (1 + 4 + 1)
+    }
+
+    /// Stores the first half of N transitions: where the environments stand and what is done there.
+    pub fn begin(&mut self, states: &[State], actions: &[Action]) {
+        for (i, (state, action)) in states.iter().zip(actions).enumerate() {
+            let slot = (self.next + i) % self.capacity;
+            self.put(2 * slot, state);
+            self.actions[slot] = *action as u8;
+        }
+    }
+
+    /// Stores the second half, once the environments have made their step.
+    pub fn end<R: Rng>(&mut self, envs: &VecEnv<R>) {
+        let states = envs.states().iter().zip(envs.final_states());
+        for (step, (state, last)) in envs.steps().iter().zip(states) {
+            let slot = self.next;
+            self.put(2 * slot + 1, if step.episode.is_some() { last } else { state });
+            self.rewards[slot] = step.reward;
+            self.terminated[slot] = step.terminated;
+            self.next = (slot + 1) % self.capacity;
+            self.len = self.capacity.min(self.len + 1);
+        }
+    }
+
+    fn put(&mut self, place: usize, state: &State) {
+        self.cells[place] = state.agent;
+        self.visited[place * self.words..][..self.words].copy_from_slice(state.visited.words());
+    }
+
+    /// Draws `count` transitions uniformly with replacement into `out`.
+    pub fn sample(&self, count: usize, stream: &mut impl Rng, out: &mut Transitions) {
+        out.clear();
+        for _ in 0..count {
+            self.copy(below(stream, self.len as u32) as usize, out);
+        }
+    }
+
+    /// Appends the transition in `slot` to `out`.
+    fn copy(&self, slot: usize, out: &mut Transitions) {
+        let active = |place: usize, batch: &mut BitBatch| {
+            let words = &self.visited[place * self.words..][..self.words];
+            let observation = Observation::packed(&self.level, self.cells[place], words);
+            batch.push_with(|rows| observation.push_active(rows));
+        };
+        active(2 * slot, &mut out.inputs);
+        active(2 * slot + 1, &mut out.next);
+        out.actions.push(self.actions[slot]);
+        out.rewards.push(self.rewards[slot]);
+        out.terminated.push(self.terminated[slot]);
+    }
+}
+
+impl Transitions {
+    /// An empty minibatch for transitions on `level`.
+    pub fn new(level: &Level) -> Self {
+        let [inputs, next] = std::array::from_fn(|_| observations(level));
+        Self { inputs, next, ..Self::default() }
+    }
+
+    fn clear(&mut self) {
+        self.inputs.clear();
+        self.next.clear();
+        self.actions.clear();
+        self.rewards.clear();
+        self.terminated.clear();
+    }
+
+    /// The targets r + γ·(1 − terminated)·max Q(next), `[B]`, given the target network's `next_values`, `[B, 4]`.
+    pub fn targets<'a>(&'a self, next_values: &'a [f32], gamma: f32) -> impl Iterator<Item = f32> + 'a {
+        let transitions = self.rewards.iter().zip(&self.terminated);
+        transitions.zip(next_values.chunks_exact(Action::COUNT)).map(move |((reward, &terminated), values)| {
+            let best = values.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+            if terminated { *reward } else { reward + gamma * best }
+        })
+    }
+}

@@ -1,0 +1,77 @@
+//! The fast implementation's common ground: one agent's parameters, gradient and Adam in plain memory.
+//!
+//! The arithmetic is `bit-mlp`'s; tests hold it equal to the reference in `stacked`.
+
+use std::ops::Range;
+
+use bit_mlp::{AdamConfig, Decay, Decayed, GradientNorms, Moments, clip_and_adam, gradient_norms};
+
+use super::network::Network;
+use super::state::{AdamState, AgentState};
+use crate::config::{L2, L2Covers, OptimizerConfig};
+
+/// One agent with its Adam.
+pub struct FusedAgent {
+    /// θ, `[P]`.
+    pub parameters: Vec<f32>,
+    /// ∂loss/∂θ, `[P]`.
+    pub gradient: Vec<f32>,
+    adam: AdamState,
+    adam_config: AdamConfig,
+    max_grad_norm: f32,
+    lambda: f64,
+    /// The parameters that an L2 penalty covers, where not all.
+    covered: Option<Vec<Range<usize>>>,
+}
+
+impl FusedAgent {
+    /// An agent as it comes out of the stage before.
+    pub fn new(network: &Network, optimizer: &OptimizerConfig, agent: &AgentState) -> Self {
+        let decay = match optimizer.l2 {
+            L2::None => Decay::None,
+            L2::AdamW => Decay::Decoupled(optimizer.l2_coef),
+            L2::Adam => Decay::Coupled(optimizer.l2_coef),
+            L2::Loss => Decay::InLoss(optimizer.l2_coef),
+        };
+        Self {
+            parameters: agent.parameters.clone(),
+            gradient: vec![0.0; agent.parameters.len()],
+            adam: agent.adam.clone(),
+            adam_config: AdamConfig {
+                lr: optimizer.learning_rate,
+                eps: optimizer.adam_eps,
+                decay,
+                ..AdamConfig::default()
+            },
+            lambda: optimizer.l2_coef,
+            max_grad_norm: optimizer.max_grad_norm as f32,
+            covered: (optimizer.l2_covers == L2Covers::Weights).then(|| network.weights()),
+        }
+    }
+
+    /// One step of clipped Adam down `gradient`; returns its norm before clipping.
+    ///
+    /// A norm that is not finite changes nothing.
+    pub fn descend(&mut self) -> f32 {
+        self.adam.step += 1;
+        let moments =
+            Moments { exp_avg: &mut self.adam.exp_avg, exp_avg_sq: &mut self.adam.exp_avg_sq, step: self.adam.step };
+        let decayed = self.covered.as_deref().map_or(Decayed::All, Decayed::Only);
+        clip_and_adam(&mut self.parameters, &self.gradient, moments, self.max_grad_norm, decayed, &self.adam_config)
+    }
+
+    /// Norms of the last gradient, the loss's and the L2 penalty's.
+    pub fn norms(&self) -> GradientNorms {
+        gradient_norms(&self.parameters, &self.gradient, self.lambda, self.decayed())
+    }
+
+    fn decayed(&self) -> Decayed<'_> {
+        self.covered.as_deref().map_or(Decayed::All, Decayed::Only)
+    }
+
+    /// Writes weights and optimiser state into `agent`.
+    pub fn save(&self, agent: &mut AgentState) {
+        agent.parameters.clone_from(&self.parameters);
+        agent.adam.clone_from(&self.adam);
+    }
+}

@@ -1,0 +1,232 @@
+//! The networks: which towers there are, where their parameters lie in one flat slice, and how they begin.
+
+use std::ops::Range;
+
+use bit_mlp::{Activation, Mlp};
+use coverage_env::Action;
+use coverage_env::random::unit_f64;
+
+use super::random::Stream;
+
+/// The towers of one agent over one flat slice of P parameters.
+#[derive(Clone, Debug)]
+pub struct Network {
+    towers: Vec<Tower>,
+    activation: Activation,
+}
+
+/// One named multilayer perceptron.
+#[derive(Clone, Debug)]
+pub struct Tower {
+    /// `policy`, `value` or `q`: the prefix of its tensors' names.
+    pub name: &'static str,
+    /// `[inputs, hidden…, outputs]`.
+    pub sizes: Vec<usize>,
+    /// Its place in the flat slice.
+    pub mlp: Mlp,
+    /// How its weights begin.
+    init: Init,
+}
+
+/// How the weights of a tower begin.
+#[derive(Clone, Copy, Debug)]
+enum Init {
+    /// Orthogonal with gain √2 in hidden layers and this gain in the last; biases 0 (Stable-Baselines3's PPO).
+    Orthogonal { head: f64 },
+    /// PyTorch's `nn.Linear`: weights and biases uniform in ±1/√inputs.
+    Uniform,
+}
+
+/// A layer's tensor within the flat slice.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TensorPlace {
+    /// `<tower>.<layer>.weight` or `<tower>.<layer>.bias`.
+    pub name: String,
+    /// `[in, out]` of a weight, `[out]` of a bias.
+    pub shape: Vec<usize>,
+    /// Where it lies.
+    pub range: Range<usize>,
+}
+
+impl Network {
+    /// PPO's separate towers: a policy `[inputs] → [4]` and a value `[inputs] → [1]`.
+    pub fn actor_critic(inputs: usize, hidden: &[usize], activation: Activation) -> Self {
+        let policy = ("policy", Action::ALL.len(), Init::Orthogonal { head: 0.01 });
+        Self::new(inputs, hidden, activation, &[policy, ("value", 1, Init::Orthogonal { head: 1.0 })])
+    }
+
+    /// DQN's one tower: action values `[inputs] → [4]`.
+    pub fn q_network(inputs: usize, hidden: &[usize], activation: Activation) -> Self {
+        Self::new(inputs, hidden, activation, &[("q", Action::ALL.len(), Init::Uniform)])
+    }
+
+    fn new(inputs: usize, hidden: &[usize], activation: Activation, heads: &[(&'static str, usize, Init)]) -> Self {
+        let mut offset = 0;
+        let towers = heads.iter().map(|&(name, outputs, init)| {
+            let sizes: Vec<usize> = [inputs].into_iter().chain(hidden.iter().copied()).chain([outputs]).collect();
+            let mlp = Mlp::new(&sizes, activation, offset);
+            offset += mlp.num_parameters();
+            Tower { name, sizes, mlp, init }
+        });
+        Self { towers: towers.collect(), activation }
+    }
+
+    /// The towers in the order of their parameters.
+    pub fn towers(&self) -> &[Tower] {
+        &self.towers
+    }
+
+    /// The tower that chooses actions.
+    pub fn acting(&self) -> &Mlp {
+        &self.towers[0].mlp
+    }
+
+    /// Activation of the hidden layers.
+    pub fn activation(&self) -> Activation {
+        self.activation
+    }
+
+    /// P.
+    pub fn num_parameters(&self) -> usize {
+        self.towers.iter().map(|tower| tower.mlp.num_parameters()).sum()
+    }
+
+    /// Number of inputs, 4·H·W.
+    pub fn num_inputs(&self) -> usize {
+        self.towers[0].sizes[0]
+    }
+
+    /// Every tensor in the order of the flat slice.
+    pub fn tensors(&self) -> Vec<TensorPlace> {
+        let of_tower = |tower: &Tower| {
+            let name = tower.name;
+            let of_layer = |(i, layer): (usize, bit_mlp::Layer)| {
+                let shape = vec![layer.inputs, layer.outputs];
+                [
+                    TensorPlace { name: format!("{name}.{i}.weight"), shape, range: layer.weight },
+                    TensorPlace { name: format!("{name}.{i}.bias"), shape: vec![layer.outputs], range: layer.bias },
+                ]
+            };
+            tower.mlp.layers().enumerate().flat_map(of_layer).collect::<Vec<_>>()
+        };
+        self.towers.iter().flat_map(of_tower).collect()
+    }
+
+    /// The ranges of all weights, biases left out, ascending.
+    pub fn weights(&self) -> Vec<Range<usize>> {
+        let weights = self.tensors().into_iter().filter(|tensor| tensor.shape.len() == 2);
+        weights.map(|tensor| tensor.range).collect()
+    }
+
+    /// Initial parameters `[P]`.
+    pub fn init(&self, stream: &mut Stream) -> Vec<f32> {
+        let mut parameters = vec![0.0; self.num_parameters()];
+        for tower in &self.towers {
+            let last = tower.sizes.len() - 2;
+            for (i, layer) in tower.mlp.layers().enumerate() {
+                match tower.init {
+                    Init::Orthogonal { head } => {
+                        let gain = if i == last { head } else { std::f64::consts::SQRT_2 };
+                        let weight = &mut parameters[layer.weight.clone()];
+                        orthogonal(weight, layer.inputs, layer.outputs, gain, stream);
+                    }
+                    Init::Uniform => {
+                        let bound = 1.0 / (layer.inputs as f64).sqrt();
+                        let draw = |p: &mut f32| *p = ((2.0 * unit_f64(stream) - 1.0) * bound) as f32;
+                        parameters[layer.weight.start..layer.bias.end].iter_mut().for_each(draw);
+                    }
+                }
+            }
+        }
+        parameters
+    }
+}
+
+/// Fills `weight`, `[rows, columns]` row-major, with `gain` times a uniformly random (semi-)orthogonal matrix.
+///
+/// The orthonormalised columns of a normal matrix, or its rows where they are fewer (Saxe et al. 2014; what PyTorch's
+/// `orthogonal_` draws). Gram–Schmidt keeps the diagonal of R positive, which makes the distribution uniform (Mezzadri
+/// 2007); a second pass makes it as accurate as f64 allows.
+fn orthogonal(weight: &mut [f32], rows: usize, columns: usize, gain: f64, stream: &mut Stream) {
+    let (count, length) = (rows.min(columns), rows.max(columns));
+    let mut basis: Vec<Vec<f64>> = Vec::with_capacity(count);
+    while basis.len() < count {
+        let mut vector: Vec<f64> = std::iter::repeat_with(|| stream.normal_pair().0).take(length).collect();
+        for _ in 0..2 {
+            for unit in &basis {
+                let along: f64 = vector.iter().zip(unit).map(|(v, u)| v * u).sum();
+                vector.iter_mut().zip(unit).for_each(|(v, u)| *v -= along * u);
+            }
+        }
+        let norm = vector.iter().map(|v| v * v).sum::<f64>().sqrt();
+        basis.push(vector.into_iter().map(|v| v / norm).collect());
+    }
+    for (row, out) in weight.chunks_exact_mut(columns).enumerate() {
+        for (column, w) in out.iter_mut().enumerate() {
+            let unit = if rows >= columns { basis[column][row] } else { basis[row][column] };
+            *w = (gain * unit) as f32;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::random::Purpose;
+    use super::*;
+
+    #[test]
+    fn orthogonal_weights_have_their_gain() {
+        for (inputs, hidden) in [(60, vec![16, 16]), (4, vec![16, 7])] {
+            let network = Network::actor_critic(inputs, &hidden, Activation::Tanh);
+            let parameters = network.init(&mut Stream::new(1, 0, Purpose::Weights));
+            for tower in network.towers() {
+                for (i, layer) in tower.mlp.layers().enumerate() {
+                    let head = if tower.name == "policy" { 0.01_f64 } else { 1.0 };
+                    let gain = if i == hidden.len() { head * head } else { 2.0 };
+                    let w = &parameters[layer.weight.clone()];
+                    let at = |r: usize, c: usize| f64::from(w[r * layer.outputs + c]);
+                    let (count, by_column) = (layer.inputs.min(layer.outputs), layer.inputs >= layer.outputs);
+                    let length = layer.inputs.max(layer.outputs);
+                    for a in 0..count {
+                        for b in 0..count {
+                            let entry = |k, v| if by_column { at(k, v) } else { at(v, k) };
+                            let dot: f64 = (0..length).map(|k| entry(k, a) * entry(k, b)).sum();
+                            let expected = if a == b { gain } else { 0.0 };
+                            assert!((dot - expected).abs() < 1e-6 * gain.max(1e-4), "{} {i}: {dot}", tower.name);
+                        }
+                    }
+                    assert!(parameters[layer.bias].iter().all(|&b| b == 0.0));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn uniform_weights_fill_their_interval() {
+        let network = Network::q_network(256, &[64, 64], Activation::Relu);
+        let parameters = network.init(&mut Stream::new(1, 0, Purpose::Weights));
+        for layer in network.acting().layers() {
+            let bound = 1.0 / (layer.inputs as f32).sqrt();
+            let weight = &parameters[layer.weight.clone()];
+            let largest = weight.iter().fold(0.0_f32, |m, w| m.max(w.abs()));
+            assert!(largest <= bound && largest > 0.98 * bound);
+            assert!(parameters[layer.bias].iter().all(|b| b.abs() <= bound && *b != 0.0));
+            let mean_square = weight.iter().map(|w| f64::from(w * w)).sum::<f64>() / weight.len() as f64;
+            let expected = f64::from(bound * bound) / 3.0;
+            assert!((mean_square / expected - 1.0).abs() < 0.2);
+        }
+    }
+
+    #[test]
+    fn tensors_tile_the_flat_slice() {
+        let network = Network::actor_critic(256, &[64, 64], Activation::Tanh);
+        let mut end = 0;
+        for tensor in network.tensors() {
+            assert_eq!(tensor.range.start, end);
+            assert_eq!(tensor.range.len(), tensor.shape.iter().product::<usize>());
+            end = tensor.range.end;
+        }
+        assert_eq!(end, network.num_parameters());
+        assert_eq!(end, 2 * (256 * 64 + 64 + 64 * 64 + 64) + 65 * 4 + 65);
+    }
+}
