@@ -2,3 +2,6 @@
 
 pub mod agent;
 pub mod config;
+pub mod curriculum;
+pub mod error;
+pub mod evaluate;

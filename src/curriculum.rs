@@ -1,0 +1,77 @@
+//! The protocol as data: stages of training on one level after another, and the levels to evaluate on.
+
+use std::sync::Arc;
+
+use anyhow::{Result, bail};
+use coverage_env::Level;
+
+use crate::agent::Stage;
+
+/// What a run trains on and what it is evaluated on, before the first stage and after each.
+#[derive(Clone, Debug)]
+pub struct Curriculum {
+    /// `curriculum` or `level-<L>`: the folder below the arm's.
+    pub name: String,
+    /// In the order of training.
+    pub stages: Vec<Stage>,
+    /// The levels to evaluate on.
+    pub levels: Vec<Arc<Level>>,
+}
+
+impl Curriculum {
+    /// One level alone.
+    pub fn single(level: Level, timesteps: u64) -> Self {
+        let level = Arc::new(level);
+        Self {
+            name: format!("level-{}", folder_name(level.name())),
+            stages: vec![Stage { index: 0, level: level.clone(), timesteps }],
+            levels: vec![level],
+        }
+    }
+
+    /// One level after another, `timesteps` on each, evaluated on all of them.
+    ///
+    /// # Errors
+    /// Levels of differing sizes or equal names, or none at all.
+    pub fn sequence(levels: Vec<Level>, timesteps: u64) -> Result<Self> {
+        let levels: Vec<Arc<Level>> = levels.into_iter().map(Arc::new).collect();
+        let Some(first) = levels.first() else {
+            bail!("a curriculum needs at least one level: name some with --levels")
+        };
+        for (i, level) in levels.iter().enumerate() {
+            if (level.height(), level.width()) != (first.height(), first.width()) {
+                bail!(
+                    "levels of one curriculum share their size, but level {} is {}×{} and level {} is {}×{}: choose \
+                     others with --levels",
+                    first.name(),
+                    first.height(),
+                    first.width(),
+                    level.name(),
+                    level.height(),
+                    level.width()
+                );
+            }
+            if levels[..i].iter().any(|other| other.name() == level.name()) {
+                bail!("level {} stands twice in the curriculum: give each level once in --levels", level.name());
+            }
+        }
+        if levels.len() > usize::from(u16::MAX) {
+            bail!("{} levels are too many for one curriculum", levels.len());
+        }
+        let stage =
+            |(index, level): (usize, &Arc<Level>)| Stage { index: index as u16, level: level.clone(), timesteps };
+        let stages = levels.iter().enumerate().map(stage).collect();
+        Ok(Self { name: "curriculum".to_owned(), stages, levels })
+    }
+
+    /// Timesteps of all stages.
+    pub fn timesteps(&self) -> u64 {
+        self.stages.iter().map(|stage| stage.timesteps).sum()
+    }
+}
+
+/// A level's name as part of a folder's name.
+fn folder_name(name: &str) -> String {
+    let keep = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+    name.chars().map(keep).collect()
+}

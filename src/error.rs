@@ -1,0 +1,21 @@
+//! What went wrong, as far as the exit code cares.
+
+/// The user's input is wrong: exit code 2.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct UserError(String);
+
+impl UserError {
+    /// An error that says what is wrong and how to mend it.
+    pub fn new(message: impl Into<String>) -> Self {
+        Self(message.into())
+    }
+}
+
+/// The process's exit code for an error.
+pub fn exit_code(error: &anyhow::Error) -> u8 {
+    use crate::config::ConfigError;
+    use coverage_env::LevelError;
+    let of_user = error.chain().any(|e| e.is::<UserError>() || e.is::<ConfigError>() || e.is::<LevelError>());
+    if of_user { 2 } else { 1 }
+}

@@ -1,0 +1,217 @@
+//! Evaluation: episodes of a policy from every start cell or from drawn ones, and one result type for all of them.
+
+use std::sync::Arc;
+
+use bit_mlp::Prepared;
+use coverage_env::planner::{PlanError, Planner};
+use coverage_env::random::{below, unit_f32, unit_f64};
+use coverage_env::{Action, CoverageEnv, Level, Observation, State};
+use serde::{Deserialize, Serialize};
+
+use crate::agent::network::Network;
+use crate::agent::random::{Purpose, Stream};
+use crate::agent::{greedy, sample};
+
+/// ε of a stochastic evaluation of DQN.
+const STOCHASTIC_EPSILON: f64 = 0.05;
+
+/// One finished episode.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Episode {
+    /// `[row, column]`, from 0.
+    pub start: [usize; 2],
+    /// Sum of rewards.
+    #[serde(rename = "return")]
+    pub return_: i64,
+    /// Timesteps.
+    pub length: u32,
+    /// Whether every target was visited before the step limit.
+    pub solved: bool,
+}
+
+/// All episodes of one policy on one level.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LevelResult {
+    /// The level's name.
+    pub level: String,
+    /// Mean return.
+    pub mean: f64,
+    /// Population standard deviation (ddof 0) of the returns, as the study's.
+    pub std: f64,
+    /// Least return.
+    pub min: i64,
+    /// Largest return.
+    pub max: i64,
+    /// Share of episodes solved.
+    pub solved_share: f64,
+    /// In row-major order of their start cells, or in the order they were drawn.
+    pub episodes: Vec<Episode>,
+}
+
+/// What one policy earned on several levels.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Evaluation {
+    /// A planner's name or an arm's.
+    pub policy: String,
+    /// The run's directory, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
+    /// The stage after which the policy was taken.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stage: Option<u16>,
+    /// The seed that was trained.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
+    /// One result per level.
+    pub levels: Vec<LevelResult>,
+}
+
+/// Where episodes start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Starts {
+    /// Every start cell once, in row-major order.
+    Exhaustive,
+    /// Drawn uniformly from a stream of their own.
+    Drawn {
+        /// Episodes per level.
+        episodes: u32,
+        /// The seed of the stream.
+        seed: u64,
+    },
+}
+
+impl Starts {
+    /// The start cells on a level.
+    pub fn cells(self, level: &Level) -> Vec<usize> {
+        match self {
+            Self::Exhaustive => level.starts().to_vec(),
+            Self::Drawn { episodes, seed } => {
+                let mut stream = Stream::new(seed, 0, Purpose::EvaluationStarts);
+                let starts = level.starts();
+                (0..episodes).map(|_| starts[below(&mut stream, starts.len() as u32) as usize]).collect()
+            }
+        }
+    }
+
+    /// The seed for whatever else is drawn in this evaluation.
+    pub fn seed(self) -> u64 {
+        match self {
+            Self::Exhaustive => 0,
+            Self::Drawn { seed, .. } => seed,
+        }
+    }
+}
+
+impl LevelResult {
+    /// Sums episodes up.
+    pub fn new(level: &Level, episodes: Vec<Episode>) -> Self {
+        Self::of_episodes(level.name().to_owned(), episodes)
+    }
+
+    /// Sums up the episodes of the level with this name; there is at least one.
+    pub fn of_episodes(level: String, episodes: Vec<Episode>) -> Self {
+        let count = episodes.len() as f64;
+        let returns = || episodes.iter().map(|episode| episode.return_);
+        let mean = returns().sum::<i64>() as f64 / count;
+        let variance = returns().map(|r| (r as f64 - mean).powi(2)).sum::<f64>() / count;
+        Self {
+            level,
+            mean,
+            std: variance.sqrt(),
+            min: returns().min().unwrap_or_default(),
+            max: returns().max().unwrap_or_default(),
+            solved_share: episodes.iter().filter(|episode| episode.solved).count() as f64 / count,
+            episodes,
+        }
+    }
+}
+
+/// How a network's outputs become actions.
+#[derive(Debug)]
+pub enum Choose {
+    /// The arg max, ties to the lowest index.
+    Greedy,
+    /// Drawn from the softmax of PPO's logits.
+    Sample(Stream),
+    /// DQN's arg max, but uniform with probability 0.05.
+    EpsilonGreedy(Stream),
+}
+
+impl Choose {
+    /// The stochastic choice that suits a network: sampling for a policy, ε-greedy for action values.
+    pub fn stochastic(network: &Network, seed: u64) -> Self {
+        let stream = Stream::new(seed, 0, Purpose::EvaluationActions);
+        if network.towers()[0].name == "q" { Self::EpsilonGreedy(stream) } else { Self::Sample(stream) }
+    }
+
+    fn action(&mut self, outputs: &[f32]) -> Action {
+        match self {
+            Self::Greedy => greedy(outputs),
+            Self::Sample(stream) => sample(outputs, unit_f32(stream)),
+            Self::EpsilonGreedy(stream) => {
+                if unit_f64(stream) < STOCHASTIC_EPSILON {
+                    return Action::ALL[below(stream, Action::COUNT as u32) as usize];
+                }
+                greedy(outputs)
+            }
+        }
+    }
+}
+
+/// Episodes of a network with these parameters on one level.
+pub fn network(
+    network: &Network,
+    parameters: &[f32],
+    level: &Arc<Level>,
+    max_steps: u32,
+    starts: Starts,
+    choose: &mut Choose,
+) -> LevelResult {
+    let mut acting = Prepared::new(network.acting(), parameters, &Observation::constant_inputs(level));
+    let mut active = Vec::new();
+    let episode = |start| {
+        episode(level, max_steps, start, |state| {
+            active.clear();
+            Observation::new(level, state).push_active(&mut active);
+            choose.action(acting.forward_one(parameters, &active))
+        })
+    };
+    LevelResult::new(level, starts.cells(level).into_iter().map(episode).collect())
+}
+
+/// Episodes of a planner on one level.
+///
+/// # Errors
+/// Where the planner cannot plan this level.
+pub fn planner(
+    planner: &mut dyn Planner,
+    level: &Arc<Level>,
+    max_steps: u32,
+    starts: Starts,
+) -> Result<LevelResult, PlanError> {
+    let plan = |start| {
+        let plan = planner.plan(level, start, max_steps)?;
+        let mut actions = plan.into_iter();
+        // A plan that ends before its episode has nothing left to gain; Down is as good as any move.
+        Ok(episode(level, max_steps, start, |_| actions.next().unwrap_or(Action::Down)))
+    };
+    let episodes: Result<Vec<Episode>, PlanError> = starts.cells(level).into_iter().map(plan).collect();
+    Ok(LevelResult::new(level, episodes?))
+}
+
+/// One episode from `start`, a start cell of the level.
+fn episode(level: &Arc<Level>, max_steps: u32, start: usize, mut act: impl FnMut(&State) -> Action) -> Episode {
+    let mut env = CoverageEnv::new(level.clone(), max_steps);
+    env.reset_at(start).expect("start cells of a level are valid starts");
+    let mut return_ = 0;
+    loop {
+        let action = act(env.state());
+        let step = env.step(action);
+        return_ += step.reward as i64;
+        if step.terminated || step.truncated {
+            let (row, column) = level.position(start);
+            let length = env.state().steps;
+            return Episode { start: [row, column], return_, length, solved: step.terminated };
+        }
+    }
+}
