@@ -5,3 +5,4 @@ pub mod config;
 pub mod curriculum;
 pub mod error;
 pub mod evaluate;
+pub mod run;

@@ -1,0 +1,154 @@
+//! `manifest.json`: what ran, where, with what, and how it ended.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use super::atomic;
+
+/// The version of the manifest's fields.
+const FORMAT: u32 = 1;
+
+/// What is known of one run.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Manifest {
+    /// Version of this file's fields.
+    pub format: u32,
+    /// How the run stands.
+    pub status: Status,
+    /// The arm's name.
+    pub arm: String,
+    /// `curriculum` or `level-<L>`.
+    pub curriculum: String,
+    /// The seed's number.
+    pub seed: u64,
+    /// Stages in the order of training.
+    pub stages: Vec<StageEntry>,
+    /// Stages finished so far.
+    pub stages_done: u16,
+    /// Names of the levels it is evaluated on.
+    pub levels: Vec<String>,
+    /// Every setting, resolved.
+    pub config: Map<String, Value>,
+    /// What the L2 penalty amounts to.
+    pub dose: Value,
+    /// `fused` or `autograd`.
+    pub kernel: String,
+    /// `cpu` or `cuda:N`.
+    pub device: String,
+    /// Versions of everything that matters.
+    pub versions: Versions,
+    /// The machine.
+    pub host: Host,
+    /// The command as it was typed.
+    pub command: Vec<String>,
+    /// When the run was started, UTC.
+    pub started: String,
+    /// When this file was written, UTC.
+    pub updated: String,
+    /// Seconds spent so far, over all starts.
+    pub seconds: f64,
+}
+
+/// How a run stands.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase", tag = "state", content = "why")]
+pub enum Status {
+    /// It runs, or was killed.
+    Running,
+    /// All stages are done.
+    Finished,
+    /// It cannot go on, and why.
+    Failed(String),
+}
+
+/// One stage of a run.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StageEntry {
+    /// The level's name.
+    pub level: String,
+    /// The level's map, rows joined by newlines.
+    pub map: String,
+    /// Timesteps asked for.
+    pub timesteps: u64,
+}
+
+/// Versions of everything that matters.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Versions {
+    /// This program.
+    pub cpp_rl: String,
+    /// Its commit, `-dirty` if the tree had changes.
+    pub git: String,
+    /// libtorch as it was built against.
+    pub libtorch: String,
+}
+
+/// The machine.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Host {
+    /// Its name.
+    pub name: String,
+    /// Operating system and architecture.
+    pub platform: String,
+    /// Cores that this process may use.
+    pub cores: usize,
+}
+
+impl Versions {
+    /// Those of this program.
+    pub fn here() -> Self {
+        let text = str::to_owned;
+        Self {
+            cpp_rl: text(env!("CARGO_PKG_VERSION")),
+            git: text(env!("CPP_RL_GIT")),
+            libtorch: text(env!("CPP_RL_LIBTORCH")),
+        }
+    }
+}
+
+impl Host {
+    /// This machine.
+    pub fn here() -> Self {
+        let name = std::env::var("HOSTNAME").ok();
+        let name = name.or_else(|| std::fs::read_to_string("/etc/hostname").ok());
+        Self {
+            name: name.map_or_else(|| "unknown".to_owned(), |name| name.trim().to_owned()),
+            platform: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+            cores: std::thread::available_parallelism().map_or(1, usize::from),
+        }
+    }
+}
+
+impl Manifest {
+    /// The version of the fields that this program writes.
+    pub const FORMAT: u32 = FORMAT;
+
+    /// Reads `manifest.json` of a run's directory.
+    ///
+    /// # Errors
+    /// A file that cannot be read, naming it.
+    pub fn read(directory: &Path) -> Result<Self> {
+        let path = directory.join("manifest.json");
+        let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        serde_json::from_str(&text).with_context(|| format!("{} is not a manifest of cpp-rl", path.display()))
+    }
+
+    /// Writes it into a run's directory.
+    ///
+    /// # Errors
+    /// Those of the file system, naming the file.
+    pub fn write(&mut self, directory: &Path) -> Result<()> {
+        self.updated = now();
+        let path = directory.join("manifest.json");
+        let text = serde_json::to_string_pretty(self)? + "\n";
+        atomic::write(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
+    }
+}
+
+/// The present time, UTC, to the second.
+pub fn now() -> String {
+    jiff::Timestamp::now().round(jiff::Unit::Second).unwrap_or_default().to_string()
+}
