@@ -1,8 +1,14 @@
 //! Loss of plasticity in reinforcement learning on coverage path planning.
+//!
+//! Dependencies point downwards only: `cli` → `training`, `curriculum`, `evaluate`, `report` → `agent`, `run` →
+//! `coverage-env`, `bit-mlp`.
 
 pub mod agent;
+pub mod cli;
 pub mod config;
 pub mod curriculum;
 pub mod error;
 pub mod evaluate;
+pub mod report;
 pub mod run;
+pub mod training;

@@ -1,2 +1,30 @@
 //! The command-line tool.
-fn main() {}
+
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::Parser;
+use cpp_rl::cli::{Cli, Command};
+use cpp_rl::error::exit_code;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    match run(&cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(exit_code(&error))
+        }
+    }
+}
+
+fn run(cli: &Cli) -> Result<()> {
+    match &cli.command {
+        Command::Train(args) => args.run(cli.quiet),
+        Command::Curriculum(args) => args.run(cli.quiet),
+        Command::Eval(args) => args.run(),
+        Command::Baseline(args) => args.run(),
+        Command::Compare(args) => args.run(),
+        Command::Levels(args) => args.run(),
+    }
+}

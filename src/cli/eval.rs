@@ -1,0 +1,164 @@
+//! `cpp-rl eval`.
+
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::{Context, Result};
+use clap::Args;
+use coverage_env::Level;
+use serde_json::json;
+
+use super::{StartArgs, parse_levels};
+use crate::error::UserError;
+use crate::evaluate::{self, Choose, Evaluation};
+use crate::report::{self, Format, Table};
+use crate::run::checkpoint::Checkpoint;
+use crate::run::manifest::Manifest;
+use crate::run::stage_checkpoint;
+
+/// Evaluate checkpoints.
+#[derive(Debug, Args)]
+pub struct EvalArgs {
+    /// Checkpoint files or runs' directories.
+    #[arg(value_name = "CHECKPOINT|RUN", required = true)]
+    models: Vec<PathBuf>,
+    /// The stage of a run [default: its last].
+    #[arg(long, value_name = "K")]
+    stage: Option<u16>,
+    /// Levels: ids, ranges such as 0..5, or paths, separated by commas [default: those of the run, or of the checkpoint].
+    #[arg(long, value_name = "SPEC")]
+    levels: Option<String>,
+    #[command(flatten)]
+    starts: StartArgs,
+    /// Sample PPO's policy; for DQN, act randomly with probability 0.05.
+    #[arg(long)]
+    stochastic: bool,
+    /// Step limit of an episode [default: the run's, or 200].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    max_steps: Option<u32>,
+    /// How results are printed.
+    #[arg(long, value_enum, default_value_t = Format::Table)]
+    format: Format,
+}
+
+/// A model to evaluate.
+struct Model {
+    checkpoint: Checkpoint,
+    policy: String,
+    run: Option<String>,
+    max_steps: u32,
+    levels: Vec<Level>,
+}
+
+impl EvalArgs {
+    /// Evaluates every model on every level.
+    ///
+    /// # Errors
+    /// Models and levels that cannot be read or do not fit together.
+    pub fn run(&self) -> Result<()> {
+        let levels = self.levels.as_deref().map(parse_levels).transpose()?;
+        let evaluations = self.models.iter().map(|path| self.evaluate(path, levels.as_deref()));
+        let evaluations: Vec<Evaluation> = evaluations.collect::<Result<_>>()?;
+        print(&evaluations, &report::evaluations(&evaluations), self.format)
+    }
+
+    fn evaluate(&self, path: &Path, levels: Option<&[Level]>) -> Result<Evaluation> {
+        let model = self.load(path, levels)?;
+        let max_steps = self.max_steps.unwrap_or(model.max_steps);
+        let Checkpoint { network, agent, origin, .. } = &model.checkpoint;
+        let mut results = Vec::new();
+        for level in model.levels {
+            if (level.height(), level.width()) != (origin.height, origin.width) {
+                return Err(UserError::new(format!(
+                    "{} was trained on {}×{} maps, but level {} is {}×{}: choose levels with --levels",
+                    path.display(),
+                    origin.height,
+                    origin.width,
+                    level.name(),
+                    level.height(),
+                    level.width()
+                ))
+                .into());
+            }
+            let starts = self.starts.starts();
+            let mut choose =
+                if self.stochastic { Choose::stochastic(network, self.starts.seed) } else { Choose::Greedy };
+            let level = Arc::new(level);
+            results.push(evaluate::network(network, &agent.parameters, &level, max_steps, starts, &mut choose));
+        }
+        let (stage, seed) = (origin.stage, origin.seed);
+        Ok(Evaluation { policy: model.policy, run: model.run, stage, seed, levels: results })
+    }
+
+    fn load(&self, path: &Path, levels: Option<&[Level]>) -> Result<Model> {
+        if !path.is_dir() {
+            if self.stage.is_some() {
+                let message = "is a checkpoint, which has one stage: drop --stage or give the run's directory";
+                return Err(UserError::new(format!("{} {message}", path.display())).into());
+            }
+            let checkpoint = Checkpoint::read(path)?;
+            let levels = match (levels, &checkpoint.origin.level) {
+                (Some(levels), _) => levels.to_vec(),
+                (None, Some(level)) => vec![Level::resolve(level)?],
+                (None, None) => {
+                    let message = "does not say what level it was trained on: name levels with --levels";
+                    return Err(UserError::new(format!("{} {message}", path.display())).into());
+                }
+            };
+            let policy = path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+            return Ok(Model { checkpoint, policy, run: None, max_steps: coverage_env::MAX_STEPS, levels });
+        }
+        let manifest = Manifest::read(path)?;
+        let done = manifest.stages_done;
+        let stage = self.stage.or(done.checked_sub(1)).filter(|stage| *stage < done).ok_or_else(|| {
+            UserError::new(match done {
+                0 => format!("{}: no stage of this run is done yet", path.display()),
+                _ => format!(
+                    "{}: stages 0 to {} of this run are done; choose one with --stage",
+                    path.display(),
+                    done - 1
+                ),
+            })
+        })?;
+        let of_run = || -> Result<Vec<Level>> {
+            let trained = |name: &String| {
+                let stage = manifest.stages.iter().find(|stage| stage.level == *name);
+                stage.map_or_else(|| Level::resolve(name), |stage| Level::from_map(name.clone(), &stage.map))
+            };
+            manifest.levels.iter().map(|name| Ok(trained(name)?)).collect()
+        };
+        Ok(Model {
+            checkpoint: Checkpoint::read(&stage_checkpoint(path, stage))?,
+            policy: manifest.arm.clone(),
+            run: Some(path.display().to_string()),
+            max_steps: manifest.config.get("max_steps").and_then(|v| v.as_u64()).unwrap_or(200) as u32,
+            levels: levels.map_or_else(of_run, |levels| Ok(levels.to_vec()))?,
+        })
+    }
+}
+
+/// Prints evaluations to stdout; as JSON one object for one of them, a list within an object for several.
+///
+/// # Errors
+/// A stdout that cannot be written.
+pub(super) fn print(evaluations: &[Evaluation], table: &Table, format: Format) -> Result<()> {
+    let text = match (format, evaluations) {
+        (Format::Json, [one]) => serde_json::to_string(one)? + "\n",
+        (Format::Json, all) => json!({ "evaluations": all }).to_string() + "\n",
+        (format, _) => table.render(format),
+    };
+    write_stdout(&text)
+}
+
+/// Writes to stdout; a reader that has gone (`| head`) is no error.
+///
+/// # Errors
+/// Any other that stdout has.
+pub(super) fn write_stdout(text: &str) -> Result<()> {
+    let mut stdout = io::stdout().lock();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error).context("cannot write to stdout"),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,174 @@
+//! The command line. Each subcommand's file only turns arguments into a call of the library below.
+
+pub mod baseline;
+pub mod compare;
+pub mod curriculum;
+pub mod eval;
+pub mod levels;
+pub mod train;
+mod training;
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::{Args, Parser, Subcommand};
+use coverage_env::Level;
+
+use crate::error::UserError;
+use crate::evaluate::Starts;
+
+/// The most seeds of one command.
+const MAX_SEEDS: u64 = 10_000;
+
+/// Study loss of plasticity in reinforcement learning on coverage path planning.
+#[derive(Debug, Parser)]
+#[command(name = "cpp-rl", version, propagate_version = true, max_term_width = 110)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+    /// Show less: no progress, failures only.
+    #[arg(short, long, global = true)]
+    pub quiet: bool,
+}
+
+/// The subcommands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Train agents on one level.
+    Train(train::TrainArgs),
+    /// Train agents on one level after another and print the study's tables.
+    Curriculum(curriculum::CurriculumArgs),
+    /// Evaluate checkpoints.
+    Eval(eval::EvalArgs),
+    /// Evaluate a planner: greedy A*, the proved optimum, or random moves.
+    Baseline(baseline::BaselineArgs),
+    /// Lay runs side by side (the study's Table 5).
+    Compare(compare::CompareArgs),
+    /// List, show, check, generate or draw levels.
+    Levels(levels::LevelsArgs),
+}
+
+/// Where episodes of an evaluation start.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct StartArgs {
+    /// One episode from every start cell (the default).
+    #[arg(long, conflicts_with = "episodes")]
+    exhaustive: bool,
+    /// This many episodes per level from drawn start cells instead.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    episodes: Option<u32>,
+    /// Seed of the drawn start cells and of random actions; never a training's stream.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    seed: u64,
+}
+
+impl StartArgs {
+    /// What they mean.
+    pub fn starts(self) -> Starts {
+        match self.episodes {
+            Some(episodes) => Starts::Drawn { episodes, seed: self.seed },
+            None => Starts::Exhaustive,
+        }
+    }
+}
+
+/// Numbers from a SPEC: `4`, `0,2,5`, `0..10` (ten, from 0 to 9), or a mixture.
+///
+/// # Errors
+/// Says what is wrong with which part.
+pub fn parse_numbers(spec: &str) -> Result<Vec<u64>, String> {
+    let mut numbers = BTreeSet::new();
+    for part in spec.split(',').map(str::trim) {
+        let number = |text: &str| {
+            let number = text.trim().parse::<u64>();
+            number.map_err(|_| format!("{part:?}: expected a number, or a range such as 0..10"))
+        };
+        let range = match part.split_once("..") {
+            Some((from, to)) => number(from)?..number(to)?,
+            None => number(part)?..number(part)?.saturating_add(1),
+        };
+        if range.is_empty() {
+            return Err(format!("{part:?} is an empty range; 0..10 are the ten numbers from 0 to 9"));
+        }
+        let count = range.end - range.start + numbers.len() as u64;
+        if count > MAX_SEEDS {
+            return Err(format!("{part:?} makes {count} numbers; at most {MAX_SEEDS} are possible"));
+        }
+        numbers.extend(range);
+    }
+    Ok(numbers.into_iter().collect())
+}
+
+/// Seeds as clap takes them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Seeds(pub Vec<u64>);
+
+impl std::str::FromStr for Seeds {
+    type Err = String;
+
+    fn from_str(spec: &str) -> Result<Self, String> {
+        parse_numbers(spec).map(Self)
+    }
+}
+
+/// Levels from a SPEC: ids in levels/, ranges of them such as `0..5`, and paths, separated by commas.
+///
+/// # Errors
+/// The first level that is not there or not valid.
+pub fn parse_levels(spec: &str) -> Result<Vec<Level>> {
+    let mut levels = Vec::new();
+    for part in spec.split(',').map(str::trim) {
+        // A path may hold two dots too ("../my.yaml"): only digits around them make a range.
+        let is_range = part.split_once("..").is_some_and(|(from, to)| {
+            let digits = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+            digits(from) && digits(to)
+        });
+        let ids = if is_range {
+            let numbers = parse_numbers(part).map_err(|e| UserError::new(format!("--levels: {e}")))?;
+            numbers.iter().map(u64::to_string).collect()
+        } else {
+            vec![part.to_owned()]
+        };
+        for id in ids {
+            levels.push(Level::resolve(&id)?);
+        }
+    }
+    Ok(levels)
+}
+
+/// The default folder of a command's experiments.
+fn default_out(command: &str) -> PathBuf {
+    PathBuf::from("runs").join(command)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn specs_list_identities() {
+        assert_eq!(parse_numbers("4"), Ok(vec![4]));
+        assert_eq!(parse_numbers("0,2,5"), Ok(vec![0, 2, 5]));
+        assert_eq!(parse_numbers("0..3, 7,1"), Ok(vec![0, 1, 2, 7]));
+        for wrong in ["", "a", "3..3", "5..2", "1,,2", "-1", "0..1000000000", "18446744073709551615..", "1..2..3"] {
+            assert!(parse_numbers(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn levels_are_ids_ranges_and_paths() {
+        let names = |spec| parse_levels(spec).map(|l| l.iter().map(|l| l.name().to_owned()).collect::<Vec<_>>());
+        assert_eq!(names("0..5").unwrap(), ["0", "1", "2", "3", "4"]);
+        assert_eq!(names("3,0").unwrap(), ["3", "0"]);
+        assert!(names("../absent.yaml").unwrap_err().to_string().contains("absent.yaml"));
+        assert!(names("0..9").is_err());
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        use clap::CommandFactory;
+        Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,51 @@
+//! `cpp-rl train`.
+
+use anyhow::Result;
+use clap::Args;
+use coverage_env::Level;
+
+use super::training::{TrainingArgs, carry_out, conclude};
+use crate::curriculum::Curriculum;
+use crate::evaluate::Evaluation;
+use crate::report::{self, Format};
+use crate::run::evaluations::{Phase, level_result};
+
+/// Train agents on one level.
+#[derive(Debug, Args)]
+pub struct TrainArgs {
+    #[command(flatten)]
+    training: TrainingArgs,
+    /// The level: an id in levels/ or a path to a file.
+    #[arg(long, value_name = "LEVEL")]
+    level: String,
+    /// How the final evaluation is printed.
+    #[arg(long, value_enum, default_value_t = Format::Table)]
+    format: Format,
+}
+
+impl TrainArgs {
+    /// Trains, then prints what each seed earns from every start cell.
+    ///
+    /// # Errors
+    /// Wrong input, and seeds that failed.
+    pub fn run(&self, quiet: bool) -> Result<()> {
+        let config = self.training.config()?;
+        let curriculum = Curriculum::single(Level::resolve(&self.level)?, config.timesteps);
+        let experiment = self.training.experiment(config, curriculum, "train")?;
+        let outcome = carry_out(&experiment, quiet, |_| {})?;
+        let level = experiment.curriculum.levels[0].name();
+        let evaluations: Vec<Evaluation> = outcome
+            .finished
+            .iter()
+            .map(|run| Evaluation {
+                policy: experiment.config.name.clone(),
+                run: Some(run.path.display().to_string()),
+                stage: Some(0),
+                seed: Some(run.seed),
+                levels: level_result(&run.evaluations, Phase::After, 0, level).into_iter().collect(),
+            })
+            .collect();
+        super::eval::print(&evaluations, &report::evaluations(&evaluations), self.format)?;
+        conclude(&experiment, &outcome)
+    }
+}

@@ -1,0 +1,129 @@
+//! What `train` and `curriculum` share: their arguments, and carrying an experiment out.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, anyhow};
+use clap::Args;
+use tch::Device;
+
+use super::Seeds;
+use crate::agent::Backend;
+use crate::config::{self, Config};
+use crate::curriculum::Curriculum;
+use crate::error::UserError;
+use crate::training::progress::Progress;
+use crate::training::{Dose, Event, Experiment, Outcome};
+
+/// Arguments of every training.
+#[derive(Clone, Debug, Args)]
+pub struct TrainingArgs {
+    /// The preset: dqn, ppo, ppo-eps, ppo-l2, ppo-l2-dohare, …; may be left out where --config says it.
+    #[arg(long, value_name = "NAME")]
+    algo: Option<String>,
+    /// Timesteps per stage and seed [default: the preset's, as in the study].
+    #[arg(long, value_name = "N")]
+    timesteps: Option<u64>,
+    /// Seeds, one run each: 4, or 0,2,5, or 0..10 for the ten from 0 to 9.
+    #[arg(long, value_name = "SPEC", default_value = "0")]
+    seeds: Seeds,
+    /// A YAML file of settings on top of the preset; a run's config.yaml is one.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// One setting on top of preset and file; may be given many times.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// The experiment's folder [default: runs/<command>].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Go on with runs that are there already, each from its last finished stage; start those that are not.
+    #[arg(long)]
+    resume: bool,
+    /// Where networks are computed: cpu, cuda or cuda:N.
+    #[arg(long, value_name = "DEVICE", default_value = "cpu", value_parser = parse_device)]
+    device: Device,
+    /// Threads that train [default: one per core].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: Option<u16>,
+}
+
+fn parse_device(text: &str) -> Result<Device, String> {
+    let index = match text.split_once(':') {
+        None if text == "cpu" => return Ok(Device::Cpu),
+        None if text == "cuda" => Some(0),
+        Some(("cuda", index)) => index.parse().ok(),
+        _ => None,
+    };
+    index.map(Device::Cuda).ok_or_else(|| format!("expected cpu, cuda or cuda:N, got {text:?}"))
+}
+
+impl TrainingArgs {
+    /// The resolved settings.
+    ///
+    /// # Errors
+    /// The first setting that cannot be taken.
+    pub fn config(&self) -> Result<Config> {
+        let mut sets = self.set.clone();
+        sets.extend(self.timesteps.map(|timesteps| format!("timesteps={timesteps}")));
+        Ok(config::resolve(self.algo.as_deref(), self.config.as_deref(), &sets)?)
+    }
+
+    /// The experiment that these arguments describe.
+    ///
+    /// # Errors
+    /// A device that is not there or does not suit the kernel.
+    pub fn experiment(&self, config: Config, curriculum: Curriculum, command: &str) -> Result<Experiment> {
+        if let Device::Cuda(index) = self.device
+            && tch::Cuda::device_count() <= index as i64
+        {
+            return Err(UserError::new(format!(
+                "--device cuda:{index}: libtorch sees {} CUDA devices; build against a CUDA libtorch by setting \
+                 LIBTORCH to it (see docs/install.md)",
+                tch::Cuda::device_count()
+            ))
+            .into());
+        }
+        let backend = Backend::choose(config.kernel, self.device).map_err(UserError::new)?;
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        Ok(Experiment {
+            config,
+            curriculum,
+            seeds: self.seeds.0.clone(),
+            out: self.out.clone().unwrap_or_else(|| super::default_out(command)),
+            jobs: self.jobs.map_or(cores, usize::from),
+            backend,
+            resume: self.resume,
+            command: std::env::args().collect(),
+        })
+    }
+}
+
+/// Trains, showing progress; `on_event` sees every event first and may print to stdout.
+///
+/// # Errors
+/// What kept the experiment from starting.
+pub fn carry_out(experiment: &Experiment, quiet: bool, mut on_event: impl FnMut(&Event)) -> Result<Outcome> {
+    let mut progress = Progress::new(experiment, quiet);
+    if let Some(line) = Dose::new(&experiment.config, &experiment.curriculum).line() {
+        eprintln!("{line}");
+    }
+    let outcome = experiment.run(|event| {
+        progress.suspend(|| on_event(&event));
+        progress.show(event);
+    });
+    progress.finish();
+    outcome
+}
+
+/// Says where the runs are, and turns failed seeds into an error.
+///
+/// # Errors
+/// Names every seed that failed.
+pub fn conclude(experiment: &Experiment, outcome: &Outcome) -> Result<()> {
+    let place = experiment.out.join(&experiment.config.name).join(&experiment.curriculum.name);
+    eprintln!("{} of {} seeds finished in {}", outcome.finished.len(), experiment.seeds.len(), place.display());
+    if outcome.failed.is_empty() {
+        return Ok(());
+    }
+    let each = outcome.failed.iter().map(|(seed, why)| format!("  seed {seed}: {why}"));
+    Err(anyhow!("{} seeds failed:\n{}", outcome.failed.len(), each.collect::<Vec<_>>().join("\n")))
+}

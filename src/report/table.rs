@@ -1,0 +1,238 @@
+//! One table, printed in every format.
+
+use clap::ValueEnum;
+use serde_json::{Map, Value, json};
+
+/// How results are printed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// Aligned columns, for reading.
+    Table,
+    /// GitHub's Markdown.
+    Markdown,
+    /// Comma-separated values, numbers in full.
+    Csv,
+    /// JSON, numbers in full.
+    Json,
+    /// LaTeX with booktabs.
+    Latex,
+}
+
+/// Text and numbers under named columns.
+#[derive(Clone, Debug, Default)]
+pub struct Table {
+    /// What it shows.
+    pub title: String,
+    /// The heads of all columns, the row labels' included.
+    pub columns: Vec<String>,
+    /// As many cells as columns, each.
+    pub rows: Vec<Vec<Cell>>,
+    /// What a reader must know, below the table.
+    pub notes: Vec<String>,
+}
+
+/// One entry.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Cell {
+    /// As it is.
+    Text(String),
+    /// A number, shown with this many decimals.
+    Number(f64, usize),
+    /// A mean and a standard deviation.
+    MeanStd(f64, f64),
+    /// There is no such result.
+    Missing,
+}
+
+impl From<&str> for Cell {
+    fn from(text: &str) -> Self {
+        Self::Text(text.to_owned())
+    }
+}
+
+impl From<String> for Cell {
+    fn from(text: String) -> Self {
+        Self::Text(text)
+    }
+}
+
+impl Cell {
+    /// As people read it; `plus_minus` stands between mean and deviation.
+    fn shown(&self, plus_minus: &str) -> String {
+        match self {
+            Self::Text(text) => text.clone(),
+            Self::Number(value, decimals) => format!("{value:.decimals$}"),
+            Self::MeanStd(mean, std) => format!("{mean:.2}{plus_minus}{std:.2}"),
+            Self::Missing => "–".to_owned(),
+        }
+    }
+
+    /// As programs read it; a mean with its deviation takes two fields.
+    fn fields(&self) -> Vec<String> {
+        match self {
+            Self::Text(text) => vec![text.clone()],
+            Self::Number(value, _) => vec![value.to_string()],
+            Self::MeanStd(mean, std) => vec![mean.to_string(), std.to_string()],
+            Self::Missing => vec![String::new()],
+        }
+    }
+}
+
+impl Table {
+    /// Renders the table; JSON is not a table's business but its data's.
+    pub fn render(&self, format: Format) -> String {
+        match format {
+            Format::Table | Format::Json => self.aligned(),
+            Format::Markdown => self.markdown(),
+            Format::Csv => self.csv(),
+            Format::Latex => self.latex(),
+        }
+    }
+
+    /// The table as JSON: an object per row, keyed by the columns; a mean with its deviation is an object of both.
+    pub fn to_json(&self) -> Value {
+        let value = |cell: &Cell| match cell {
+            Cell::Text(text) => json!(text),
+            Cell::Number(value, _) => json!(value),
+            Cell::MeanStd(mean, std) => json!({ "mean": mean, "std": std }),
+            Cell::Missing => Value::Null,
+        };
+        let row = |row: &Vec<Cell>| -> Map<String, Value> {
+            self.columns.iter().cloned().zip(row.iter().map(value)).collect()
+        };
+        let rows: Vec<Map<String, Value>> = self.rows.iter().map(row).collect();
+        json!({ "title": self.title, "rows": rows, "notes": self.notes })
+    }
+
+    fn aligned(&self) -> String {
+        let mut rows = vec![self.columns.clone()];
+        rows.extend(self.rows.iter().map(|row| row.iter().map(|cell| cell.shown(" ± ")).collect()));
+        let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
+        let widths: Vec<usize> = (0..self.columns.len()).map(width).collect();
+        let line = |row: &Vec<String>| {
+            let pad = |(i, text): (usize, &String)| {
+                let gap = " ".repeat(widths[i] - text.chars().count());
+                if i == 0 { format!("{text}{gap}") } else { format!("{gap}{text}") }
+            };
+            row.iter().enumerate().map(pad).collect::<Vec<_>>().join("  ").trim_end().to_owned()
+        };
+        let rule = "-".repeat(widths.iter().sum::<usize>() + 2 * (widths.len().max(1) - 1));
+        let mut lines = vec![self.title.clone(), line(&rows[0]), rule];
+        lines.extend(rows[1..].iter().map(line));
+        lines.extend(self.notes.iter().cloned());
+        lines.retain(|line| !line.is_empty());
+        lines.join("\n") + "\n"
+    }
+
+    fn markdown(&self) -> String {
+        let escape = |text: String| text.replace('|', "\\|");
+        let line = |cells: Vec<String>| format!("| {} |", cells.join(" | "));
+        let mut lines = Vec::new();
+        if !self.title.is_empty() {
+            lines.extend([format!("**{}**", self.title), String::new()]);
+        }
+        lines.push(line(self.columns.iter().cloned().map(escape).collect()));
+        let align = |i| if i == 0 { "---".to_owned() } else { "---:".to_owned() };
+        lines.push(line((0..self.columns.len()).map(align).collect()));
+        lines.extend(self.rows.iter().map(|row| line(row.iter().map(|cell| escape(cell.shown(" ± "))).collect())));
+        if !self.notes.is_empty() {
+            lines.push(String::new());
+            lines.extend(self.notes.iter().cloned());
+        }
+        lines.join("\n") + "\n"
+    }
+
+    fn csv(&self) -> String {
+        let mean_std = |column: usize| self.rows.iter().any(|row| matches!(row[column], Cell::MeanStd(..)));
+        let wide: Vec<bool> = (0..self.columns.len()).map(mean_std).collect();
+        let head = self.columns.iter().zip(&wide).flat_map(|(name, &wide)| {
+            if wide { vec![format!("{name} mean"), format!("{name} std")] } else { vec![name.clone()] }
+        });
+        let mut csv = csv::Writer::from_writer(Vec::new());
+        let mut write = |record: Vec<String>| csv.write_record(record).expect("memory takes every record");
+        write(head.collect());
+        for row in &self.rows {
+            let fields = row.iter().zip(&wide).flat_map(|(cell, &wide)| {
+                let mut fields = cell.fields();
+                fields.resize(if wide { 2 } else { 1 }, String::new());
+                fields
+            });
+            write(fields.collect());
+        }
+        String::from_utf8(csv.into_inner().expect("memory takes every record")).expect("built from text")
+    }
+
+    fn latex(&self) -> String {
+        let line = |cells: Vec<String>| format!("  {} \\\\", cells.join(" & "));
+        let cell = |cell: &Cell| match cell {
+            Cell::Missing => "--".to_owned(),
+            Cell::Text(text) => latex_text(text),
+            number => format!("${}$", number.shown(" \\pm ")),
+        };
+        let mut lines: Vec<String> = [&self.title].into_iter().chain(&self.notes).map(|t| format!("% {t}")).collect();
+        lines.push(format!("\\begin{{tabular}}{{l{}}}", "r".repeat(self.columns.len() - 1)));
+        lines.push("  \\toprule".to_owned());
+        lines.push(line(self.columns.iter().map(|name| latex_text(name)).collect()));
+        lines.push("  \\midrule".to_owned());
+        lines.extend(self.rows.iter().map(|row| line(row.iter().map(cell).collect())));
+        lines.push("  \\bottomrule".to_owned());
+        lines.push("\\end{tabular}".to_owned());
+        lines.join("\n") + "\n"
+    }
+}
+
+/// Text with LaTeX's special characters escaped.
+fn latex_text(text: &str) -> String {
+    let escape = |c: char| match c {
+        '&' | '%' | '$' | '#' | '_' | '{' | '}' => format!("\\{c}"),
+        '\\' => "\\textbackslash{}".to_owned(),
+        '~' => "\\textasciitilde{}".to_owned(),
+        '^' => "\\textasciicircum{}".to_owned(),
+        '±' => "$\\pm$".to_owned(),
+        '–' => "--".to_owned(),
+        c => c.to_string(),
+    };
+    text.chars().map(escape).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table() -> Table {
+        Table {
+            title: "Returns".to_owned(),
+            columns: vec!["arm".to_owned(), "level 0".to_owned(), "share".to_owned()],
+            rows: vec![
+                vec!["ppo_l2".into(), Cell::MeanStd(-10.5, 3.0), Cell::Number(0.125, 2)],
+                vec!["a|b, c".into(), Cell::Missing, Cell::Number(1.0, 2)],
+            ],
+            notes: vec!["a note".to_owned()],
+        }
+    }
+
+    #[test]
+    fn columns_are_aligned() {
+        let expected = "Returns\narm             level 0  share\n------------------------------\nppo_l2  -10.50 ± 3.00   0.12\n\
+                        a|b, c              –   1.00\na note\n";
+        let rendered = table().render(Format::Table);
+        let squeeze = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(squeeze(&rendered.replace('-', "")), squeeze(&expected.replace('-', "")));
+        let lines: Vec<usize> = rendered.lines().skip(1).take(4).map(|line| line.chars().count()).collect();
+        assert!(lines.iter().all(|&length| length == lines[0]), "{rendered}");
+    }
+
+    #[test]
+    fn programs_get_full_numbers() {
+        let expected = "arm,level 0 mean,level 0 std,share\nppo_l2,-10.5,3,0.125\n\"a|b, c\",,,1\n";
+        assert_eq!(table().render(Format::Csv), expected);
+    }
+
+    #[test]
+    fn markup_is_escaped() {
+        let markdown = table().render(Format::Markdown);
+        assert!(markdown.contains("| a\\|b, c | – | 1.00 |"), "{markdown}");
+        let latex = table().render(Format::Latex);
+        assert!(latex.contains("  ppo\\_l2 & $-10.50 \\pm 3.00$ & $0.12$ \\\\"), "{latex}");
+    }
+}

@@ -1,0 +1,144 @@
+//! How much an L2 penalty amounts to: what is known before training, and what is measured.
+
+use serde_json::{Value, json};
+
+use crate::agent::Metrics;
+use crate::config::{Algorithm, Choice, Config, L2};
+use crate::curriculum::Curriculum;
+
+/// A treatment below this share of the weights, or of the loss's gradient, is too weak to act.
+pub const WEAK: f64 = 0.01;
+
+/// The dose of one run, measured stage by stage.
+#[derive(Clone, Debug)]
+pub struct Dose {
+    l2: L2,
+    coef: f64,
+    /// ∏(1 − αλ) over all optimiser steps, of decoupled decay, in exact arithmetic.
+    planned_shrink: f64,
+    /// The same with the factor rounded to `f32`, as PyTorch and we multiply by it.
+    shrink: f64,
+    optimizer_steps: u64,
+    weight_norms: Vec<f64>,
+    /// Mean ratio of the penalty's gradient to the loss's, per stage.
+    ratios: Vec<f64>,
+    ratio_sum: f64,
+    ratio_count: u32,
+}
+
+impl Dose {
+    /// What is known before training.
+    pub fn new(config: &Config, curriculum: &Curriculum) -> Self {
+        let steps = curriculum.stages.iter().map(|stage| optimizer_steps(config, stage.timesteps)).sum();
+        let o = &config.optimizer;
+        Self {
+            l2: o.l2,
+            coef: o.l2_coef,
+            planned_shrink: (steps as f64 * (-o.learning_rate * o.l2_coef).ln_1p()).exp(),
+            shrink: f64::from(o.decoupled_factor()).powf(steps as f64),
+            optimizer_steps: steps,
+            weight_norms: Vec::new(),
+            ratios: Vec::new(),
+            ratio_sum: 0.0,
+            ratio_count: 0,
+        }
+    }
+
+    /// One line for the beginning of a training, where there is a penalty.
+    pub fn line(&self) -> Option<String> {
+        let Self { coef, optimizer_steps, .. } = self;
+        let percent = |shrink: f64| 100.0 * (1.0 - shrink);
+        match self.l2 {
+            L2::None => None,
+            L2::AdamW => Some(format!(
+                "L2 dose: decoupled decay (AdamW) of {coef:e} is to shrink the weights by {:.2}% in all over \
+                 {optimizer_steps} optimiser steps; with the factor rounded to 32 bits it shrinks them by {:.2}%{}",
+                percent(self.planned_shrink),
+                percent(self.shrink),
+                if 1.0 - self.shrink < WEAK { ": too weak to act" } else { "" }
+            )),
+            L2::Adam | L2::Loss => Some(format!(
+                "L2 dose: coefficient {coef:e} {}; train/l2_ratio shows the ratio of its gradient to the loss's",
+                if self.l2 == L2::Adam { "coupled inside Adam" } else { "in the loss" }
+            )),
+        }
+    }
+
+    /// Takes in a row of the log.
+    pub fn measure(&mut self, metrics: &Metrics) {
+        if let Some((_, ratio)) = metrics.iter().find(|(name, value)| *name == "train/l2_ratio" && value.is_finite()) {
+            self.ratio_sum += ratio;
+            self.ratio_count += 1;
+        }
+    }
+
+    /// Closes a stage with the norm of the weights as they are now.
+    pub fn end_stage(&mut self, parameters: &[f32]) {
+        self.weight_norms.push(parameters.iter().map(|&p| f64::from(p).powi(2)).sum::<f64>().sqrt());
+        if self.ratio_count > 0 {
+            self.ratios.push(self.ratio_sum / f64::from(self.ratio_count));
+        }
+        (self.ratio_sum, self.ratio_count) = (0.0, 0);
+    }
+
+    /// What the manifest records; `before` is what an earlier start of the run recorded.
+    pub fn to_json(&self, before: &Value) -> Value {
+        let earlier = |key: &str| before.get(key).and_then(Value::as_array).cloned().unwrap_or_default();
+        let all = |key: &str, here: &[f64]| {
+            let mut list = earlier(key);
+            list.extend(here.iter().map(|&v| Value::from(v)));
+            list
+        };
+        let decoupled = |shrink: f64| if self.l2 == L2::AdamW { json!(shrink) } else { Value::Null };
+        json!({
+            "l2": self.l2.name(),
+            "l2_coef": self.coef,
+            "optimizer_steps": self.optimizer_steps,
+            "planned_shrink": decoupled(self.planned_shrink),
+            "shrink": decoupled(self.shrink),
+            "weight_norm": all("weight_norm", &self.weight_norms),
+            "l2_ratio": all("l2_ratio", &self.ratios),
+        })
+    }
+}
+
+/// Optimiser steps of one stage.
+fn optimizer_steps(config: &Config, timesteps: u64) -> u64 {
+    let envs = config.num_envs as u64;
+    match &config.algorithm {
+        Algorithm::Ppo(ppo) => {
+            let samples = ppo.n_steps as u64 * envs;
+            timesteps.div_ceil(samples) * ppo.n_epochs as u64 * samples.div_ceil(ppo.batch_size as u64)
+        }
+        Algorithm::Dqn(dqn) => {
+            let interval = dqn.train_freq * envs;
+            let updates = timesteps.div_ceil(interval).saturating_sub(dqn.learning_starts / interval);
+            updates * dqn.gradient_steps as u64
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use coverage_env::Level;
+
+    #[test]
+    fn the_published_penalty_does_nothing() {
+        let config = crate::config::resolve(Some("ppo-l2"), None, &[]).unwrap();
+        let levels = coverage_env::BUILTIN_IDS.iter().filter_map(|id| Level::builtin(id)).collect();
+        let dose = Dose::new(&config, &Curriculum::sequence(levels, 500_000).unwrap());
+        // Five levels of 245 rollouts of 2,048 timesteps, each ten epochs of 32 minibatches.
+        assert_eq!(dose.optimizer_steps, 5 * 245 * 320);
+        assert!((1.0 - dose.planned_shrink - 0.00391).abs() < 1e-5, "{}", dose.planned_shrink);
+        // 1 − 10⁻⁸ is 1 in 32 bits.
+        assert_eq!(dose.shrink, 1.0);
+        assert!(dose.line().unwrap().contains("0.39%") && dose.line().unwrap().contains("0.00%"));
+    }
+
+    #[test]
+    fn dqn_makes_a_step_every_fourth_timestep_after_its_start() {
+        let config = crate::config::resolve(Some("dqn"), None, &[]).unwrap();
+        assert_eq!(optimizer_steps(&config, 1_000_000), 250_000 - 25);
+    }
+}
