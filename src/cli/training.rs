@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, anyhow};
 use clap::Args;
+use serde_json::Value;
 use tch::Device;
 
 use super::Seeds;
@@ -103,7 +104,7 @@ impl TrainingArgs {
 /// What kept the experiment from starting.
 pub fn carry_out(experiment: &Experiment, quiet: bool, mut on_event: impl FnMut(&Event)) -> Result<Outcome> {
     let mut progress = Progress::new(experiment, quiet);
-    if let Some(line) = Dose::new(&experiment.config, &experiment.curriculum).line() {
+    if let Some(line) = Dose::new(&experiment.config, &experiment.curriculum, &Value::Null).line() {
         eprintln!("{line}");
     }
     let outcome = experiment.run(|event| {

@@ -99,7 +99,10 @@ pub fn matrix(curriculum: &Curriculum, runs: &[Vec<Row>], planned: &[Planned]) -
         title: "Mean return on each level (columns) after each stage (rows: level last trained on)".to_owned(),
         columns: ["last trained on".to_owned()].into_iter().chain(levels).collect(),
         rows,
-        notes: vec![format!("Means over {} seed(s) and every start cell.", runs.len())],
+        notes: vec![match runs.len() {
+            1 => "Means over every start cell of one seed.".to_owned(),
+            seeds => format!("Means over {seeds} seeds and every start cell."),
+        }],
     }
 }
 

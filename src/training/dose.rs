@@ -27,18 +27,22 @@ pub struct Dose {
 }
 
 impl Dose {
-    /// What is known before training.
-    pub fn new(config: &Config, curriculum: &Curriculum) -> Self {
+    /// What is known before training, and what `recorded`, a manifest's, says of the stages done by earlier starts.
+    pub fn new(config: &Config, curriculum: &Curriculum, recorded: &Value) -> Self {
         let steps = curriculum.stages.iter().map(|stage| optimizer_steps(config, stage.timesteps)).sum();
         let o = &config.optimizer;
+        let earlier = |key: &str| {
+            let list = recorded.get(key).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+            list.iter().filter_map(Value::as_f64).collect()
+        };
         Self {
             l2: o.l2,
             coef: o.l2_coef,
             planned_shrink: (steps as f64 * (-o.learning_rate * o.l2_coef).ln_1p()).exp(),
             shrink: f64::from(o.decoupled_factor()).powf(steps as f64),
             optimizer_steps: steps,
-            weight_norms: Vec::new(),
-            ratios: Vec::new(),
+            weight_norms: earlier("weight_norm"),
+            ratios: earlier("l2_ratio"),
             ratio_sum: 0.0,
             ratio_count: 0,
         }
@@ -81,14 +85,8 @@ impl Dose {
         (self.ratio_sum, self.ratio_count) = (0.0, 0);
     }
 
-    /// What the manifest records; `before` is what an earlier start of the run recorded.
-    pub fn to_json(&self, before: &Value) -> Value {
-        let earlier = |key: &str| before.get(key).and_then(Value::as_array).cloned().unwrap_or_default();
-        let all = |key: &str, here: &[f64]| {
-            let mut list = earlier(key);
-            list.extend(here.iter().map(|&v| Value::from(v)));
-            list
-        };
+    /// What the manifest records.
+    pub fn to_json(&self) -> Value {
         let decoupled = |shrink: f64| if self.l2 == L2::AdamW { json!(shrink) } else { Value::Null };
         json!({
             "l2": self.l2.name(),
@@ -96,8 +94,8 @@ impl Dose {
             "optimizer_steps": self.optimizer_steps,
             "planned_shrink": decoupled(self.planned_shrink),
             "shrink": decoupled(self.shrink),
-            "weight_norm": all("weight_norm", &self.weight_norms),
-            "l2_ratio": all("l2_ratio", &self.ratios),
+            "weight_norm": self.weight_norms,
+            "l2_ratio": self.ratios,
         })
     }
 }
@@ -127,7 +125,7 @@ mod tests {
     fn the_published_penalty_does_nothing() {
         let config = crate::config::resolve(Some("ppo-l2"), None, &[]).unwrap();
         let levels = coverage_env::BUILTIN_IDS.iter().filter_map(|id| Level::builtin(id)).collect();
-        let dose = Dose::new(&config, &Curriculum::sequence(levels, 500_000).unwrap());
+        let dose = Dose::new(&config, &Curriculum::sequence(levels, 500_000).unwrap(), &Value::Null);
         // Five levels of 245 rollouts of 2,048 timesteps, each ten epochs of 32 minibatches.
         assert_eq!(dose.optimizer_steps, 5 * 245 * 320);
         assert!((1.0 - dose.planned_shrink - 0.00391).abs() < 1e-5, "{}", dose.planned_shrink);

@@ -243,7 +243,8 @@ struct Run {
 
 impl Run {
     fn new(experiment: &Experiment, dir: RunDir, agent: AgentState) -> Self {
-        Self { dir, agent, dose: Dose::new(&experiment.config, &experiment.curriculum), failure: None }
+        let dose = Dose::new(&experiment.config, &experiment.curriculum, dir.dose());
+        Self { dir, agent, dose, failure: None }
     }
 
     /// Does something with the run, unless it has failed; an error is its failure.
@@ -285,7 +286,7 @@ impl Cohort {
                     let results = evaluate_all(experiment, &network, &run.agent);
                     run.dir.evaluated(Phase::After, stage.index, &results)?;
                     run.dose.end_stage(&run.agent.parameters);
-                    let dose = run.dose.to_json(run.dir.dose());
+                    let dose = run.dose.to_json();
                     run.dir.finish_stage(stage, &network, &run.agent, dose)?;
                     let _ = events.send(Event::StageDone { seed: run.agent.seed, stage: stage.index });
                     Ok(())

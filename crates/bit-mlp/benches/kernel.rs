@@ -3,8 +3,7 @@
 use std::hint::black_box;
 
 use bit_mlp::{
-    Activation, AdamConfig, BitBatch, Decayed, Mlp, Moments, Prepared, Workspace, clip_and_adam,
-    tanh_in_place,
+    Activation, AdamConfig, BitBatch, Decayed, Mlp, Moments, Prepared, Workspace, clip_and_adam, tanh_in_place,
 };
 use chacha20::ChaCha8Rng;
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -19,11 +18,7 @@ fn samples(count: usize) -> BitBatch {
         let visited: u16 = rng.random_range(2..40);
         batch.push_with(|active| {
             active.push(64 + rng.random_range(0..64));
-            active.extend(
-                (0..64)
-                    .filter(|_| rng.random_range(0..64) < visited)
-                    .map(|cell| 192 + cell),
-            );
+            active.extend((0..64).filter(|_| rng.random_range(0..64) < visited).map(|cell| 192 + cell));
         });
     }
     batch
@@ -46,30 +41,13 @@ struct Agent {
 impl Agent {
     fn new(len: usize) -> Self {
         let zeros = vec![0.0; len];
-        Self {
-            params: random_params(len),
-            grads: zeros.clone(),
-            exp_avg: zeros.clone(),
-            exp_avg_sq: zeros,
-            step: 0,
-        }
+        Self { params: random_params(len), grads: zeros.clone(), exp_avg: zeros.clone(), exp_avg_sq: zeros, step: 0 }
     }
 
     fn adam(&mut self) -> f32 {
         self.step += 1;
-        let moments = Moments {
-            exp_avg: &mut self.exp_avg,
-            exp_avg_sq: &mut self.exp_avg_sq,
-            step: self.step,
-        };
-        clip_and_adam(
-            &mut self.params,
-            &self.grads,
-            moments,
-            0.5,
-            Decayed::All,
-            &AdamConfig::default(),
-        )
+        let moments = Moments { exp_avg: &mut self.exp_avg, exp_avg_sq: &mut self.exp_avg_sq, step: self.step };
+        clip_and_adam(&mut self.params, &self.grads, moments, 0.5, Decayed::All, &AdamConfig::default())
     }
 }
 
@@ -88,11 +66,7 @@ fn gradient(
 
 fn ppo(criterion: &mut Criterion) {
     let policy = Mlp::new(&[256, 64, 64, 4], Activation::Tanh, 0);
-    let value = Mlp::new(
-        &[256, 64, 64, 1],
-        Activation::Tanh,
-        policy.range().end.next_multiple_of(16),
-    );
+    let value = Mlp::new(&[256, 64, 64, 1], Activation::Tanh, policy.range().end.next_multiple_of(16));
     let mut agent = Agent::new(value.range().end);
     let rollout = samples(2_048);
     let selection: Vec<u32> = (0..64).map(|index| index * 31).collect();
@@ -103,20 +77,8 @@ fn ppo(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("ppo");
     group.bench_function("minibatch", |bencher| {
         bencher.iter(|| {
-            gradient(
-                &policy,
-                &mut agent,
-                minibatch,
-                &mut workspace,
-                &mut d_outputs,
-            );
-            gradient(
-                &value,
-                &mut agent,
-                minibatch,
-                &mut workspace,
-                &mut d_outputs,
-            );
+            gradient(&policy, &mut agent, minibatch, &mut workspace, &mut d_outputs);
+            gradient(&value, &mut agent, minibatch, &mut workspace, &mut d_outputs);
             agent.adam()
         });
     });
@@ -125,13 +87,7 @@ fn ppo(criterion: &mut Criterion) {
     });
     group.bench_function("backward", |bencher| {
         bencher.iter(|| {
-            policy.backward(
-                &agent.params,
-                minibatch,
-                &d_outputs_of(&policy),
-                &mut workspace,
-                &mut agent.grads,
-            )
+            policy.backward(&agent.params, minibatch, &d_outputs_of(&policy), &mut workspace, &mut agent.grads)
         });
     });
     group.bench_function("adam", |bencher| bencher.iter(|| agent.adam()));
@@ -161,13 +117,7 @@ fn dqn(criterion: &mut Criterion) {
     criterion.bench_function("dqn/minibatch", |bencher| {
         bencher.iter(|| {
             black_box(mlp.forward(&target, next.all(), &mut target_workspace));
-            gradient(
-                &mlp,
-                &mut agent,
-                batch.all(),
-                &mut workspace,
-                &mut d_outputs,
-            );
+            gradient(&mlp, &mut agent, batch.all(), &mut workspace, &mut d_outputs);
             agent.adam()
         });
     });

@@ -6,10 +6,7 @@ use crate::mlp::Activation;
 
 /// Replaces every value by its hyperbolic tangent, to within 3 units in the last place; NaN stays NaN.
 pub fn tanh_in_place(values: &mut [f32]) {
-    Arch::new().dispatch(Activate {
-        activation: Activation::Tanh,
-        values,
-    });
+    Arch::new().dispatch(Activate { activation: Activation::Tanh, values });
 }
 
 /// tanh |x| = t / (t + 2) with t = e^(2 |x|) − 1.
@@ -56,13 +53,7 @@ const LN_2_LOW: f32 = -2.121_944_4e-4;
 
 /// eʳ − 1 ≈ r + r² · Σ c_k rᵏ on |r| ≤ ½ ln 2, with the least relative error, 2⁻²⁶: an iteratively reweighted
 /// least-squares fit in 40 digits.
-const EXP_M1: [f32; 5] = [
-    0.499_999_98,
-    0.166_665_44,
-    0.041_667_2,
-    8.366_514e-3,
-    1.388_252e-3,
-];
+const EXP_M1: [f32; 5] = [0.499_999_98, 0.166_665_44, 0.041_667_2, 8.366_514e-3, 1.388_252e-3];
 
 #[inline(always)]
 fn relu<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
@@ -122,9 +113,7 @@ impl WithSimd for Differentiate<'_> {
                     let slope = simd.negate_mul_add_e_f32s(y, y, simd.splat_f32s(1.0));
                     simd.mul_f32s(*gradient, slope)
                 }
-                Activation::Relu => {
-                    simd.select_f32s(simd.greater_than_f32s(y, zero), *gradient, zero)
-                }
+                Activation::Relu => simd.select_f32s(simd.greater_than_f32s(y, zero), *gradient, zero),
             };
         }
     }
@@ -145,19 +134,14 @@ mod tests {
     /// Every 397th float, so that all exponents and the subnormal numbers occur.
     fn sweep(arch: Arch) -> f64 {
         let mut worst = 0.0_f64;
-        let mut bits = (0..=f32::INFINITY.to_bits())
-            .step_by(397)
-            .map(f32::from_bits);
+        let mut bits = (0..=f32::INFINITY.to_bits()).step_by(397).map(f32::from_bits);
         loop {
             let inputs: Vec<f32> = bits.by_ref().take(4096).flat_map(|x| [x, -x]).collect();
             if inputs.is_empty() {
                 return worst;
             }
             let mut values = inputs.clone();
-            arch.dispatch(Activate {
-                activation: Activation::Tanh,
-                values: &mut values,
-            });
+            arch.dispatch(Activate { activation: Activation::Tanh, values: &mut values });
             for (&x, &y) in inputs.iter().zip(&values) {
                 assert!(y.abs() <= 1.0, "tanh({x}) = {y}");
                 worst = worst.max(ulps(x, y));
@@ -176,23 +160,9 @@ mod tests {
 
     #[test]
     fn tanh_of_the_extremes() {
-        let mut values = [
-            0.0,
-            -0.0,
-            1e-45,
-            -3e-39,
-            1e-20,
-            9.5,
-            -9.5,
-            f32::MAX,
-            f32::INFINITY,
-            f32::NEG_INFINITY,
-        ];
+        let mut values = [0.0, -0.0, 1e-45, -3e-39, 1e-20, 9.5, -9.5, f32::MAX, f32::INFINITY, f32::NEG_INFINITY];
         tanh_in_place(&mut values);
-        assert_eq!(
-            values,
-            [0.0, -0.0, 1e-45, -3e-39, 1e-20, 1.0, -1.0, 1.0, 1.0, -1.0]
-        );
+        assert_eq!(values, [0.0, -0.0, 1e-45, -3e-39, 1e-20, 1.0, -1.0, 1.0, 1.0, -1.0]);
         assert!(values[1].is_sign_negative());
         let mut values = [f32::NAN; 21];
         tanh_in_place(&mut values);

@@ -21,13 +21,7 @@ pub struct AdamConfig {
 
 impl Default for AdamConfig {
     fn default() -> Self {
-        Self {
-            lr: 1e-3,
-            beta1: 0.9,
-            beta2: 0.999,
-            eps: 1e-8,
-            decay: Decay::None,
-        }
+        Self { lr: 1e-3, beta1: 0.9, beta2: 0.999, eps: 1e-8, decay: Decay::None }
     }
 }
 
@@ -97,32 +91,19 @@ pub fn clip_and_adam(
     decayed: Decayed<'_>,
     config: &AdamConfig,
 ) -> f32 {
-    let Moments {
-        exp_avg,
-        exp_avg_sq,
-        step,
-    } = moments;
+    let Moments { exp_avg, exp_avg_sq, step } = moments;
     assert!(step > 0, "Adam counts its steps from 1");
     assert!(
-        [grads.len(), exp_avg.len(), exp_avg_sq.len()]
-            .iter()
-            .all(|&len| len == params.len()),
+        [grads.len(), exp_avg.len(), exp_avg_sq.len()].iter().all(|&len| len == params.len()),
         "parameters, gradient and moments have one length"
     );
     let arch = Arch::new();
 
-    let in_loss = if let Decay::InLoss(lambda) = config.decay {
-        lambda as f32
-    } else {
-        0.0
-    };
+    let in_loss = if let Decay::InLoss(lambda) = config.decay { lambda as f32 } else { 0.0 };
     let mut sum = 0.0;
     decayed.for_each_part(params.len(), |part, decays| {
         let added = (decays && in_loss != 0.0).then_some((in_loss, &params[part.clone()]));
-        sum += arch.dispatch(SumSquares {
-            values: &grads[part],
-            added,
-        });
+        sum += arch.dispatch(SumSquares { values: &grads[part], added });
     });
     let norm = sum.sqrt();
     if !norm.is_finite() {
@@ -145,32 +126,16 @@ pub fn clip_and_adam(
 }
 
 /// How much of a gradient is the penalty's: the norms of `grads` and of λ times the decayed parameters.
-pub fn gradient_norms(
-    params: &[f32],
-    grads: &[f32],
-    lambda: f64,
-    decayed: Decayed<'_>,
-) -> GradientNorms {
+pub fn gradient_norms(params: &[f32], grads: &[f32], lambda: f64, decayed: Decayed<'_>) -> GradientNorms {
     let arch = Arch::new();
     let mut sum = 0.0;
     decayed.for_each_part(params.len(), |part, decays| {
         if decays {
-            sum += arch.dispatch(SumSquares {
-                values: &params[part],
-                added: None,
-            });
+            sum += arch.dispatch(SumSquares { values: &params[part], added: None });
         }
     });
-    let loss = arch
-        .dispatch(SumSquares {
-            values: grads,
-            added: None,
-        })
-        .sqrt();
-    GradientNorms {
-        loss,
-        penalty: lambda as f32 * sum.sqrt(),
-    }
+    let loss = arch.dispatch(SumSquares { values: grads, added: None }).sqrt();
+    GradientNorms { loss, penalty: lambda as f32 * sum.sqrt() }
 }
 
 impl Decayed<'_> {
@@ -258,13 +223,7 @@ struct Constants {
 impl Constants {
     /// Those of a parameter that does not decay. In `f64`, as PyTorch: 1 − 0.999 has few digits left in `f32`.
     fn new(config: &AdamConfig, step: u64, coefficient: f32) -> Self {
-        let AdamConfig {
-            lr,
-            beta1,
-            beta2,
-            eps,
-            ..
-        } = *config;
+        let AdamConfig { lr, beta1, beta2, eps, .. } = *config;
         Self {
             gradient: coefficient,
             penalty: 0.0,
@@ -282,18 +241,9 @@ impl Constants {
     fn with(self, config: &AdamConfig, coefficient: f32) -> Self {
         match config.decay {
             Decay::None => self,
-            Decay::Decoupled(lambda) => Self {
-                keep: (1.0 - config.lr * lambda) as f32,
-                ..self
-            },
-            Decay::Coupled(lambda) => Self {
-                penalty: lambda as f32,
-                ..self
-            },
-            Decay::InLoss(lambda) => Self {
-                penalty: coefficient * lambda as f32,
-                ..self
-            },
+            Decay::Decoupled(lambda) => Self { keep: (1.0 - config.lr * lambda) as f32, ..self },
+            Decay::Coupled(lambda) => Self { penalty: lambda as f32, ..self },
+            Decay::InLoss(lambda) => Self { penalty: coefficient * lambda as f32, ..self },
         }
     }
 }
@@ -318,15 +268,12 @@ impl WithSimd for Step<'_> {
         let (grads, grads_tail) = S::as_simd_f32s(self.grads);
         let (means, means_tail) = S::as_mut_simd_f32s(self.exp_avg);
         let (squares, squares_tail) = S::as_mut_simd_f32s(self.exp_avg_sq);
-        for (((param, &grad), mean), square) in params.iter_mut().zip(grads).zip(means).zip(squares)
-        {
+        for (((param, &grad), mean), square) in params.iter_mut().zip(grads).zip(means).zip(squares) {
             self.constants.step(simd, param, grad, mean, square);
         }
         let load = |tail: &[f32]| simd.partial_load_f32s(tail);
-        let (mut param, mut mean, mut square) =
-            (load(params_tail), load(means_tail), load(squares_tail));
-        self.constants
-            .step(simd, &mut param, load(grads_tail), &mut mean, &mut square);
+        let (mut param, mut mean, mut square) = (load(params_tail), load(means_tail), load(squares_tail));
+        self.constants.step(simd, &mut param, load(grads_tail), &mut mean, &mut square);
         simd.partial_store_f32s(params_tail, param);
         simd.partial_store_f32s(means_tail, mean);
         simd.partial_store_f32s(squares_tail, square);
@@ -335,32 +282,16 @@ impl WithSimd for Step<'_> {
 
 impl Constants {
     #[inline(always)]
-    fn step<S: Simd>(
-        &self,
-        simd: S,
-        param: &mut S::f32s,
-        grad: S::f32s,
-        mean: &mut S::f32s,
-        square: &mut S::f32s,
-    ) {
+    fn step<S: Simd>(&self, simd: S, param: &mut S::f32s, grad: S::f32s, mean: &mut S::f32s, square: &mut S::f32s) {
         let splat = |value| simd.splat_f32s(value);
         let flush = |moment| {
             let negligible = simd.less_than_f32s(simd.abs_f32s(moment), splat(NEGLIGIBLE));
             simd.select_f32s(negligible, splat(0.0), moment)
         };
-        let grad = simd.mul_add_e_f32s(
-            splat(self.penalty),
-            *param,
-            simd.mul_f32s(splat(self.gradient), grad),
-        );
-        *mean = flush(simd.mul_add_e_f32s(
-            splat(self.one_minus_beta1),
-            simd.sub_f32s(grad, *mean),
-            *mean,
-        ));
+        let grad = simd.mul_add_e_f32s(splat(self.penalty), *param, simd.mul_f32s(splat(self.gradient), grad));
+        *mean = flush(simd.mul_add_e_f32s(splat(self.one_minus_beta1), simd.sub_f32s(grad, *mean), *mean));
         let scaled = simd.mul_f32s(splat(self.one_minus_beta2), grad);
-        *square =
-            flush(simd.mul_add_e_f32s(scaled, grad, simd.mul_f32s(splat(self.beta2), *square)));
+        *square = flush(simd.mul_add_e_f32s(scaled, grad, simd.mul_f32s(splat(self.beta2), *square)));
         let root = simd.sqrt_f32s(*square);
         let denominator = simd.mul_add_e_f32s(root, splat(self.root_scale), splat(self.eps));
         let kept = simd.mul_f32s(splat(self.keep), *param);

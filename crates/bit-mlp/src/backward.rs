@@ -29,35 +29,14 @@ impl Mlp {
         workspace: &mut Workspace,
         grads: &mut [f32],
     ) {
-        let Workspace {
-            arch,
-            activations,
-            deltas,
-            transposed,
-            gradient,
-            ..
-        } = workspace;
+        let Workspace { arch, activations, deltas, transposed, gradient, .. } = workspace;
         let last = self.num_layers() - 1;
-        assert_eq!(
-            d_outputs.len(),
-            batch.len() * self.outputs(),
-            "d_outputs is [B, outputs]"
-        );
-        assert_eq!(
-            activations[last].len(),
-            batch.len() * padded(self.outputs()),
-            "the forward pass had another shape"
-        );
+        assert_eq!(d_outputs.len(), batch.len() * self.outputs(), "d_outputs is [B, outputs]");
+        assert_eq!(activations[last].len(), batch.len() * padded(self.outputs()), "the forward pass had another shape");
 
         deltas.resize_with(self.num_layers(), Buffer::default);
         deltas[last].copy_padded(d_outputs, self.outputs());
-        for (index, layer) in self
-            .layers()
-            .enumerate()
-            .collect::<Vec<_>>()
-            .into_iter()
-            .rev()
-        {
+        for (index, layer) in self.layers().enumerate().collect::<Vec<_>>().into_iter().rev() {
             let (inputs, outputs) = (padded(layer.inputs), padded(layer.outputs));
             let (lower, upper) = deltas.split_at_mut(index);
             let delta = &*upper[0];
@@ -65,41 +44,22 @@ impl Mlp {
             // ∂bias, in the padded scratch because its kernel has no tails.
             gradient.resize(outputs);
             gradient.fill(0.0);
-            arch.dispatch(SumSamples {
-                deltas: delta,
-                out: gradient,
-            });
+            arch.dispatch(SumSamples { deltas: delta, out: gradient });
             grads[layer.bias.clone()].copy_from_slice(&gradient[..layer.outputs]);
 
             let Some(lower) = lower.last_mut() else {
                 first_weight(batch, &layer, grads);
                 let (width, gradient) = (layer.outputs, &mut grads[layer.weight]);
-                arch.dispatch(ScatterRows {
-                    deltas: delta,
-                    width,
-                    samples: batch.samples(),
-                    gradient,
-                });
+                arch.dispatch(ScatterRows { deltas: delta, width, samples: batch.samples(), gradient });
                 continue;
             };
             let input = &*activations[index - 1];
 
             // ∂weight = xᵀ δ
             gradient.resize(inputs * outputs);
-            let left = Left {
-                data: input,
-                row: 1,
-                column: inputs,
-            };
+            let left = Left { data: input, row: 1, column: inputs };
             let (depth, width, out) = (batch.len(), outputs, &mut **gradient);
-            arch.dispatch(Matmul {
-                left,
-                right: delta,
-                initial: None,
-                depth,
-                width,
-                out,
-            });
+            arch.dispatch(Matmul { left, right: delta, initial: None, depth, width, out });
             let rows = grads[layer.weight.clone()].chunks_exact_mut(layer.outputs);
             for (to, from) in rows.zip(gradient.chunks_exact(outputs)) {
                 to.copy_from_slice(&from[..layer.outputs]);
@@ -108,25 +68,10 @@ impl Mlp {
             // δ' = (δ weightᵀ) ⊙ activation'
             transposed.copy_transposed(&params[layer.weight.clone()], layer.outputs);
             lower.resize(batch.len() * inputs);
-            let left = Left {
-                data: delta,
-                row: outputs,
-                column: 1,
-            };
+            let left = Left { data: delta, row: outputs, column: 1 };
             let (depth, width) = (layer.outputs, inputs);
-            arch.dispatch(Matmul {
-                left,
-                right: transposed,
-                initial: None,
-                depth,
-                width,
-                out: lower,
-            });
-            arch.dispatch(Differentiate {
-                activation: self.activation(),
-                activated: input,
-                gradients: lower,
-            });
+            arch.dispatch(Matmul { left, right: transposed, initial: None, depth, width, out: lower });
+            arch.dispatch(Differentiate { activation: self.activation(), activated: input, gradients: lower });
         }
     }
 }

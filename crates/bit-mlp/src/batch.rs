@@ -16,11 +16,7 @@ pub struct BitBatch {
 
 impl Default for BitBatch {
     fn default() -> Self {
-        Self {
-            constant: Vec::new(),
-            active: Vec::new(),
-            offsets: vec![0],
-        }
+        Self { constant: Vec::new(), active: Vec::new(), offsets: vec![0] }
     }
 }
 
@@ -46,13 +42,8 @@ impl BitBatch {
     pub fn push_with(&mut self, write: impl FnOnce(&mut Vec<u16>)) {
         let start = self.active.len();
         write(&mut self.active);
-        assert!(
-            self.active.len() >= start,
-            "`write` took away indices of earlier samples"
-        );
-        self.offsets.push(
-            u32::try_from(self.active.len()).expect("at most 2³² active inputs in one batch"),
-        );
+        assert!(self.active.len() >= start, "`write` took away indices of earlier samples");
+        self.offsets.push(u32::try_from(self.active.len()).expect("at most 2³² active inputs in one batch"));
     }
 
     /// Number of samples.
@@ -77,18 +68,12 @@ impl BitBatch {
 
     /// All samples, in order.
     pub fn all(&self) -> Batch<'_> {
-        Batch {
-            bits: self,
-            selection: None,
-        }
+        Batch { bits: self, selection: None }
     }
 
     /// The samples with these indices, in this order: a minibatch, without a copy.
     pub fn select<'a>(&'a self, selection: &'a [u32]) -> Batch<'a> {
-        Batch {
-            bits: self,
-            selection: Some(selection),
-        }
+        Batch { bits: self, selection: Some(selection) }
     }
 }
 
@@ -117,10 +102,7 @@ impl<'a> Batch<'a> {
 
     /// The further active inputs of the view's sample `index`.
     pub fn sample(&self, index: usize) -> &'a [u16] {
-        self.bits.sample(
-            self.selection
-                .map_or(index, |selection| selection[index] as usize),
-        )
+        self.bits.sample(self.selection.map_or(index, |selection| selection[index] as usize))
     }
 
     /// The further active inputs of every sample, in order.

@@ -29,10 +29,7 @@ impl Buffer {
     pub(crate) fn copy_padded(&mut self, source: &[f32], columns: usize) {
         let stride = padded(columns);
         self.resize(source.len() / columns * stride);
-        for (to, from) in self
-            .chunks_exact_mut(stride)
-            .zip(source.chunks_exact(columns))
-        {
+        for (to, from) in self.chunks_exact_mut(stride).zip(source.chunks_exact(columns)) {
             to[..columns].copy_from_slice(from);
             to[columns..].fill(0.0);
         }

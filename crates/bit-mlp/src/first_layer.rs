@@ -19,13 +19,7 @@ impl<'s, I: Iterator<Item = &'s [u16]>> WithSimd for SumRows<'_, I> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self {
-            weight,
-            width,
-            initial,
-            samples,
-            out,
-        } = self;
+        let Self { weight, width, initial, samples, out } = self;
         let whole = width / S::F32_LANES;
         let initial = S::as_simd_f32s(initial).0;
         for (sample, out) in samples.zip(out.chunks_exact_mut(padded(width))) {
@@ -86,12 +80,7 @@ impl<'s, I: Iterator<Item = &'s [u16]>> WithSimd for ScatterRows<'_, I> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self {
-            deltas,
-            width,
-            samples,
-            gradient,
-        } = self;
+        let Self { deltas, width, samples, gradient } = self;
         for (sample, delta) in samples.zip(deltas.chunks_exact(padded(width))) {
             let (delta, delta_tail) = S::as_simd_f32s(&delta[..width]);
             for &index in sample {

@@ -99,20 +99,9 @@ impl Packed {
             let width = padded(layer.outputs);
             out.resize(samples.len() * width);
             if let Some(input) = before.last() {
-                let left = Left {
-                    data: input,
-                    row: padded(layer.inputs),
-                    column: 1,
-                };
+                let left = Left { data: input, row: padded(layer.inputs), column: 1 };
                 let (right, initial) = (&*self.weights[index], Some(&*self.biases[index]));
-                arch.dispatch(Matmul {
-                    left,
-                    right,
-                    initial,
-                    depth: layer.inputs,
-                    width,
-                    out,
-                });
+                arch.dispatch(Matmul { left, right, initial, depth: layer.inputs, width, out });
             } else {
                 arch.dispatch(SumRows {
                     weight: &params[layer.weight],
@@ -123,10 +112,7 @@ impl Packed {
                 });
             }
             if index + 1 < mlp.num_layers() {
-                arch.dispatch(Activate {
-                    activation: mlp.activation(),
-                    values: out,
-                });
+                arch.dispatch(Activate { activation: mlp.activation(), values: out });
             }
         }
     }
@@ -136,19 +122,8 @@ impl Mlp {
     /// The outputs `[B, outputs]` of the network, row-major, for the samples of `batch`; `params` is the whole flat slice.
     ///
     /// What [`backward`](Self::backward) needs stays in `workspace`.
-    pub fn forward<'w>(
-        &self,
-        params: &[f32],
-        batch: Batch<'_>,
-        workspace: &'w mut Workspace,
-    ) -> &'w [f32] {
-        let Workspace {
-            arch,
-            packed,
-            activations,
-            outputs,
-            ..
-        } = workspace;
+    pub fn forward<'w>(&self, params: &[f32], batch: Batch<'_>, workspace: &'w mut Workspace) -> &'w [f32] {
+        let Workspace { arch, packed, activations, outputs, .. } = workspace;
         packed.pack(*arch, self, params, batch.constant());
         packed.run(*arch, self, params, batch.samples(), activations);
         outputs.clear();
@@ -179,12 +154,7 @@ impl Prepared {
     }
 
     fn with_arch(arch: Arch, mlp: &Mlp, params: &[f32], constant: &[u16]) -> Self {
-        let mut prepared = Self {
-            mlp: mlp.clone(),
-            arch,
-            packed: Packed::default(),
-            activations: Vec::new(),
-        };
+        let mut prepared = Self { mlp: mlp.clone(), arch, packed: Packed::default(), activations: Vec::new() };
         prepared.refresh(params, constant);
         prepared
     }
@@ -199,13 +169,7 @@ impl Prepared {
     /// `params` must be those of the last [`refresh`](Self::refresh): the first layer's weight is read from them, the
     /// rest from the preparation.
     pub fn forward_one(&mut self, params: &[f32], active: &[u16]) -> &[f32] {
-        self.packed.run(
-            self.arch,
-            &self.mlp,
-            params,
-            std::iter::once(active),
-            &mut self.activations,
-        );
+        self.packed.run(self.arch, &self.mlp, params, std::iter::once(active), &mut self.activations);
         &self.activations[self.mlp.num_layers() - 1][..self.mlp.outputs()]
     }
 }

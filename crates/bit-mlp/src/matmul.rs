@@ -49,11 +49,7 @@ impl WithSimd for Matmul<'_> {
 impl Matmul<'_> {
     /// Computes `V` vectors of columns of all rows; returns `V`.
     #[inline(always)]
-    fn columns<S: Simd, const R: usize, const V: usize>(
-        &mut self,
-        simd: S,
-        column: usize,
-    ) -> usize {
+    fn columns<S: Simd, const R: usize, const V: usize>(&mut self, simd: S, column: usize) -> usize {
         let rows = self.out.len() / self.width;
         let whole = rows - rows % R;
         for row in (0..whole).step_by(R) {
@@ -66,26 +62,18 @@ impl Matmul<'_> {
     }
 
     #[inline(always)]
-    fn tile<S: Simd, const R: usize, const V: usize>(
-        &mut self,
-        simd: S,
-        row: usize,
-        column: usize,
-    ) {
+    fn tile<S: Simd, const R: usize, const V: usize>(&mut self, simd: S, row: usize, column: usize) {
         let stride = self.width / S::F32_LANES;
         let right = S::as_simd_f32s(self.right).0;
         let mut sums = [[simd.splat_f32s(0.0); V]; R];
         if let Some(initial) = self.initial {
-            let initial: [S::f32s; V] = S::as_simd_f32s(initial).0[column..][..V]
-                .try_into()
-                .expect("V vectors");
+            let initial: [S::f32s; V] = S::as_simd_f32s(initial).0[column..][..V].try_into().expect("V vectors");
             sums = [initial; R];
         }
         for k in 0..self.depth {
             let right = &right[k * stride + column..][..V];
             for (r, sums) in sums.iter_mut().enumerate() {
-                let left = simd
-                    .splat_f32s(self.left.data[(row + r) * self.left.row + k * self.left.column]);
+                let left = simd.splat_f32s(self.left.data[(row + r) * self.left.row + k * self.left.column]);
                 for (sum, &right) in sums.iter_mut().zip(right) {
                     *sum = simd.mul_add_e_f32s(left, right, *sum);
                 }

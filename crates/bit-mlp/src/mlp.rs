@@ -44,24 +44,10 @@ impl Mlp {
     /// # Panics
     /// If there are fewer than two sizes, a size is 0, or there are more inputs than a `u16` can index.
     pub fn new(sizes: &[usize], activation: Activation, offset: usize) -> Self {
-        assert!(
-            sizes.len() >= 2,
-            "an MLP has at least inputs and outputs, got sizes {sizes:?}"
-        );
-        assert!(
-            sizes.iter().all(|&size| size > 0),
-            "every layer of an MLP has a width, got sizes {sizes:?}"
-        );
-        assert!(
-            sizes[0] <= 1 << 16,
-            "inputs are indexed by u16, got {} of them",
-            sizes[0]
-        );
-        Self {
-            sizes: sizes.to_vec(),
-            activation,
-            offset,
-        }
+        assert!(sizes.len() >= 2, "an MLP has at least inputs and outputs, got sizes {sizes:?}");
+        assert!(sizes.iter().all(|&size| size > 0), "every layer of an MLP has a width, got sizes {sizes:?}");
+        assert!(sizes[0] <= 1 << 16, "inputs are indexed by u16, got {} of them", sizes[0]);
+        Self { sizes: sizes.to_vec(), activation, offset }
     }
 
     /// Number of inputs.
@@ -81,10 +67,7 @@ impl Mlp {
 
     /// Number of parameters.
     pub fn num_parameters(&self) -> usize {
-        self.sizes
-            .windows(2)
-            .map(|pair| pair[0] * pair[1] + pair[1])
-            .sum()
+        self.sizes.windows(2).map(|pair| pair[0] * pair[1] + pair[1]).sum()
     }
 
     /// Where the parameters lie in the flat slice.
@@ -103,12 +86,7 @@ impl Mlp {
             let (inputs, outputs) = (pair[0], pair[1]);
             let (weight, bias) = (*next, *next + inputs * outputs);
             *next = bias + outputs;
-            Some(Layer {
-                inputs,
-                outputs,
-                weight: weight..bias,
-                bias: bias..*next,
-            })
+            Some(Layer { inputs, outputs, weight: weight..bias, bias: bias..*next })
         })
     }
 }
@@ -120,18 +98,12 @@ mod tests {
     #[test]
     fn layers_tile_the_parameters() {
         let mlp = Mlp::new(&[256, 64, 64, 4], Activation::Tanh, 10);
-        assert_eq!(
-            mlp.num_parameters(),
-            256 * 64 + 64 + 64 * 64 + 64 + 64 * 4 + 4
-        );
+        assert_eq!(mlp.num_parameters(), 256 * 64 + 64 + 64 * 64 + 64 + 64 * 4 + 4);
         let mut next = 10;
         for layer in mlp.layers() {
             assert_eq!(layer.weight.start, next);
             assert_eq!(layer.weight.len(), layer.inputs * layer.outputs);
-            assert_eq!(
-                layer.bias,
-                layer.weight.end..layer.weight.end + layer.outputs
-            );
+            assert_eq!(layer.bias, layer.weight.end..layer.weight.end + layer.outputs);
             next = layer.bias.end;
         }
         assert_eq!(mlp.range(), 10..next);

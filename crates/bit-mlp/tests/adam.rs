@@ -25,18 +25,10 @@ impl Optimiser {
         decays: impl Fn(usize) -> bool,
         config: &AdamConfig,
     ) -> f64 {
-        let AdamConfig {
-            lr,
-            beta1,
-            beta2,
-            eps,
-            decay,
-        } = *config;
+        let AdamConfig { lr, beta1, beta2, eps, decay } = *config;
         let mut grads = grads.to_vec();
         if let Decay::InLoss(lambda) = decay {
-            (0..LEN)
-                .filter(|&i| decays(i))
-                .for_each(|i| grads[i] += lambda * self.params[i]);
+            (0..LEN).filter(|&i| decays(i)).for_each(|i| grads[i] += lambda * self.params[i]);
         }
         let norm = grads.iter().map(|g| g * g).sum::<f64>().sqrt();
         let coefficient = (max_norm / (norm + 1e-6)).min(1.0);
@@ -62,19 +54,10 @@ fn widen(values: &[f32]) -> Vec<f64> {
 
 fn check(decay: Decay, decayed: Decayed<'_>, max_grad_norm: f32) {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let config = AdamConfig {
-        lr: 3e-3,
-        eps: 1e-5,
-        decay,
-        ..AdamConfig::default()
-    };
+    let config = AdamConfig { lr: 3e-3, eps: 1e-5, decay, ..AdamConfig::default() };
     let mut params: Vec<f32> = (0..LEN).map(|_| rng.random_range(-1.0..1.0)).collect();
     let (mut exp_avg, mut exp_avg_sq) = (vec![0.0; LEN], vec![0.0; LEN]);
-    let mut reference = Optimiser {
-        params: widen(&params),
-        exp_avg: vec![0.0; LEN],
-        exp_avg_sq: vec![0.0; LEN],
-    };
+    let mut reference = Optimiser { params: widen(&params), exp_avg: vec![0.0; LEN], exp_avg_sq: vec![0.0; LEN] };
     let decays = |index: usize| match decayed {
         Decayed::All => true,
         Decayed::Only(ranges) => ranges.iter().any(|range| range.contains(&index)),
@@ -83,43 +66,13 @@ fn check(decay: Decay, decayed: Decayed<'_>, max_grad_norm: f32) {
         // Some gradients are 0 in most steps, as those of inputs that are seldom active.
         let scale = if step % 7 == 0 { 0.01 } else { 1.0 };
         let grads: Vec<f32> = (0..LEN)
-            .map(|i| {
-                if i % 3 == 0 && step % 5 != 0 {
-                    0.0
-                } else {
-                    scale * rng.random_range(-1.0..1.0)
-                }
-            })
+            .map(|i| if i % 3 == 0 && step % 5 != 0 { 0.0 } else { scale * rng.random_range(-1.0..1.0) })
             .collect();
-        let moments = Moments {
-            exp_avg: &mut exp_avg,
-            exp_avg_sq: &mut exp_avg_sq,
-            step,
-        };
-        let norm = clip_and_adam(
-            &mut params,
-            &grads,
-            moments,
-            max_grad_norm,
-            decayed,
-            &config,
-        );
-        let expected = reference.step(
-            &widen(&grads),
-            step as i32,
-            f64::from(max_grad_norm),
-            decays,
-            &config,
-        );
-        assert!(
-            (f64::from(norm) - expected).abs() < 1e-5 * expected,
-            "norm {norm} instead of {expected}"
-        );
-        let all = [
-            (&params, &reference.params),
-            (&exp_avg, &reference.exp_avg),
-            (&exp_avg_sq, &reference.exp_avg_sq),
-        ];
+        let moments = Moments { exp_avg: &mut exp_avg, exp_avg_sq: &mut exp_avg_sq, step };
+        let norm = clip_and_adam(&mut params, &grads, moments, max_grad_norm, decayed, &config);
+        let expected = reference.step(&widen(&grads), step as i32, f64::from(max_grad_norm), decays, &config);
+        assert!((f64::from(norm) - expected).abs() < 1e-5 * expected, "norm {norm} instead of {expected}");
+        let all = [(&params, &reference.params), (&exp_avg, &reference.exp_avg), (&exp_avg_sq, &reference.exp_avg_sq)];
         for (ours, reference) in all {
             for (&ours, &reference) in ours.iter().zip(reference) {
                 let error = (f64::from(ours) - reference).abs();
@@ -134,12 +87,7 @@ fn check(decay: Decay, decayed: Decayed<'_>, max_grad_norm: f32) {
 
 #[test]
 fn steps_equal_pytorch_for_every_decay() {
-    for decay in [
-        Decay::None,
-        Decay::Decoupled(0.1),
-        Decay::Coupled(0.02),
-        Decay::InLoss(0.02),
-    ] {
+    for decay in [Decay::None, Decay::Decoupled(0.1), Decay::Coupled(0.02), Decay::InLoss(0.02)] {
         for decayed in [Decayed::All, Decayed::Only(&WEIGHTS)] {
             for max_grad_norm in [0.5, f32::INFINITY] {
                 check(decay, decayed, max_grad_norm);
@@ -151,26 +99,13 @@ fn steps_equal_pytorch_for_every_decay() {
 #[test]
 fn a_norm_that_is_not_finite_is_returned_and_changes_nothing() {
     for bad in [f32::NAN, f32::INFINITY] {
-        let (mut params, mut exp_avg, mut exp_avg_sq) =
-            (vec![1.0; 40], vec![0.1; 40], vec![0.2; 40]);
+        let (mut params, mut exp_avg, mut exp_avg_sq) = (vec![1.0; 40], vec![0.1; 40], vec![0.2; 40]);
         let mut grads = vec![1.0; 40];
         grads[37] = bad;
-        let moments = Moments {
-            exp_avg: &mut exp_avg,
-            exp_avg_sq: &mut exp_avg_sq,
-            step: 3,
-        };
-        let config = AdamConfig {
-            decay: Decay::Decoupled(0.1),
-            ..AdamConfig::default()
-        };
-        assert!(
-            !clip_and_adam(&mut params, &grads, moments, 0.5, Decayed::All, &config).is_finite()
-        );
-        assert_eq!(
-            (params, exp_avg, exp_avg_sq),
-            (vec![1.0; 40], vec![0.1; 40], vec![0.2; 40])
-        );
+        let moments = Moments { exp_avg: &mut exp_avg, exp_avg_sq: &mut exp_avg_sq, step: 3 };
+        let config = AdamConfig { decay: Decay::Decoupled(0.1), ..AdamConfig::default() };
+        assert!(!clip_and_adam(&mut params, &grads, moments, 0.5, Decayed::All, &config).is_finite());
+        assert_eq!((params, exp_avg, exp_avg_sq), (vec![1.0; 40], vec![0.1; 40], vec![0.2; 40]));
     }
 }
 
@@ -179,19 +114,8 @@ fn untouched_parameters_stay_and_faded_moments_vanish() {
     let (mut params, mut exp_avg, mut exp_avg_sq) = (vec![1.0; 20], vec![0.0; 20], vec![0.0; 20]);
     exp_avg[3] = 1.05e-36;
     exp_avg_sq[3] = 1e-30;
-    let moments = Moments {
-        exp_avg: &mut exp_avg,
-        exp_avg_sq: &mut exp_avg_sq,
-        step: 50_000,
-    };
-    clip_and_adam(
-        &mut params,
-        &[0.0; 20],
-        moments,
-        0.5,
-        Decayed::All,
-        &AdamConfig::default(),
-    );
+    let moments = Moments { exp_avg: &mut exp_avg, exp_avg_sq: &mut exp_avg_sq, step: 50_000 };
+    clip_and_adam(&mut params, &[0.0; 20], moments, 0.5, Decayed::All, &AdamConfig::default());
     assert_eq!(params, vec![1.0; 20]);
     assert_eq!(exp_avg[3], 0.0);
     assert!(exp_avg_sq[3] > 0.0);
@@ -201,8 +125,5 @@ fn untouched_parameters_stay_and_faded_moments_vanish() {
 fn norms_of_loss_and_penalty() {
     let params = [3.0, 4.0, 100.0];
     let norms = gradient_norms(&params, &[1.0, 2.0, 2.0], 0.1, Decayed::Only(&[0..2, 2..2]));
-    assert!(
-        (norms.loss - 3.0).abs() < 1e-6 && (norms.penalty - 0.5).abs() < 1e-6,
-        "{norms:?}"
-    );
+    assert!((norms.loss - 3.0).abs() < 1e-6 && (norms.penalty - 0.5).abs() < 1e-6, "{norms:?}");
 }

@@ -18,14 +18,8 @@ struct Case {
 impl Case {
     fn random(rng: &mut ChaCha8Rng) -> Self {
         let depth = rng.random_range(0..=3);
-        let sizes: Vec<usize> = iter::repeat_with(|| rng.random_range(1..=70))
-            .take(depth + 2)
-            .collect();
-        let activation = if rng.random() {
-            Activation::Tanh
-        } else {
-            Activation::Relu
-        };
+        let sizes: Vec<usize> = iter::repeat_with(|| rng.random_range(1..=70)).take(depth + 2).collect();
+        let activation = if rng.random() { Activation::Tanh } else { Activation::Relu };
         let mlp = Mlp::new(&sizes, activation, rng.random_range(0..40));
         let params = uniform(rng, mlp.range().end + 5, 0.4);
 
@@ -39,22 +33,14 @@ impl Case {
             batch.push_with(|active| active.extend(free.iter().filter(|_| rng.random_bool(share))));
         }
         let d_outputs = uniform(rng, batch.len() * mlp.outputs(), 1.0);
-        Self {
-            mlp,
-            params,
-            batch,
-            d_outputs,
-        }
+        Self { mlp, params, batch, d_outputs }
     }
 
     /// `[B, inputs]`
     fn dense_inputs(&self) -> Vec<Vec<f64>> {
         let dense = |sample: &[u16]| {
             let mut input = vec![0.0; self.mlp.inputs()];
-            sample
-                .iter()
-                .chain(self.batch.constant())
-                .for_each(|&index| input[usize::from(index)] = 1.0);
+            sample.iter().chain(self.batch.constant()).for_each(|&index| input[usize::from(index)] = 1.0);
             input
         };
         self.batch.all().samples().map(dense).collect()
@@ -62,9 +48,7 @@ impl Case {
 }
 
 fn uniform(rng: &mut ChaCha8Rng, len: usize, bound: f32) -> Vec<f32> {
-    iter::repeat_with(|| rng.random_range(-bound..bound))
-        .take(len)
-        .collect()
+    iter::repeat_with(|| rng.random_range(-bound..bound)).take(len).collect()
 }
 
 fn widen(values: &[f32]) -> Vec<f64> {
@@ -95,13 +79,7 @@ fn reference_forward(mlp: &Mlp, params: &[f64], input: &[f64]) -> Vec<Vec<f64>> 
 }
 
 /// Adds one sample's gradient to `grads`.
-fn reference_backward(
-    mlp: &Mlp,
-    params: &[f64],
-    input: &[f64],
-    d_output: &[f64],
-    grads: &mut [f64],
-) {
+fn reference_backward(mlp: &Mlp, params: &[f64], input: &[f64], d_output: &[f64], grads: &mut [f64]) {
     let values = reference_forward(mlp, params, input);
     let mut delta = d_output.to_vec();
     let layers: Vec<_> = mlp.layers().collect();
@@ -131,10 +109,7 @@ fn assert_close(ours: &[f32], reference: &[f64], tolerance: f64) {
     assert_eq!(ours.len(), reference.len());
     for (index, (&ours, &reference)) in ours.iter().zip(reference).enumerate() {
         let error = (f64::from(ours) - reference).abs();
-        assert!(
-            error <= tolerance * (1.0 + reference.abs()),
-            "at {index}: {ours} instead of {reference}"
-        );
+        assert!(error <= tolerance * (1.0 + reference.abs()), "at {index}: {ours} instead of {reference}");
     }
 }
 
@@ -144,20 +119,13 @@ fn forward_and_backward_equal_the_reference() {
     let mut workspace = Workspace::default(); // one for all, as networks and batches may take turns
     for _ in 0..150 {
         let case = Case::random(&mut rng);
-        let Case {
-            mlp,
-            params,
-            batch,
-            d_outputs,
-        } = &case;
+        let Case { mlp, params, batch, d_outputs } = &case;
         let wide = widen(params);
         let inputs = case.dense_inputs();
 
         let outputs = mlp.forward(params, batch.all(), &mut workspace);
-        let expected: Vec<f64> = inputs
-            .iter()
-            .flat_map(|x| reference_forward(mlp, &wide, x).pop().expect("outputs"))
-            .collect();
+        let expected: Vec<f64> =
+            inputs.iter().flat_map(|x| reference_forward(mlp, &wide, x).pop().expect("outputs")).collect();
         assert_close(outputs, &expected, 2e-5);
 
         let mut grads = vec![7.0; params.len()];
@@ -168,13 +136,7 @@ fn forward_and_backward_equal_the_reference() {
         }
         let range = mlp.range();
         assert_close(&grads[range.clone()], &expected[range.clone()], 1e-4);
-        assert!(
-            grads[..range.start]
-                .iter()
-                .chain(&grads[range.end..])
-                .all(|&g| g == 7.0),
-            "wrote beyond its range"
-        );
+        assert!(grads[..range.start].iter().chain(&grads[range.end..]).all(|&g| g == 7.0), "wrote beyond its range");
     }
 }
 
@@ -186,14 +148,8 @@ fn the_reference_gradient_equals_finite_differences() {
     let input: Vec<f64> = (0..9).map(|index| f64::from(index % 3 == 0)).collect();
     let d_output = [0.7, -1.1, 0.3];
     let loss = |params: &[f64]| -> f64 {
-        let outputs = reference_forward(&mlp, params, &input)
-            .pop()
-            .expect("outputs");
-        outputs
-            .iter()
-            .zip(d_output)
-            .map(|(output, d_output)| output * d_output)
-            .sum()
+        let outputs = reference_forward(&mlp, params, &input).pop().expect("outputs");
+        outputs.iter().zip(d_output).map(|(output, d_output)| output * d_output).sum()
     };
     let mut grads = vec![0.0; params.len()];
     reference_backward(&mlp, &params, &input, &d_output, &mut grads);
@@ -204,10 +160,7 @@ fn the_reference_gradient_equals_finite_differences() {
             loss(&params)
         };
         let difference = (shifted(1e-6) - shifted(-1e-6)) / 2e-6;
-        assert!(
-            (gradient - difference).abs() < 1e-8,
-            "at {index}: {gradient} instead of {difference}"
-        );
+        assert!((gradient - difference).abs() < 1e-8, "at {index}: {gradient} instead of {difference}");
     }
 }
 
@@ -216,9 +169,7 @@ fn one_sample_equals_the_batch_bit_for_bit() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut workspace = Workspace::default();
     for _ in 0..100 {
-        let Case {
-            mlp, params, batch, ..
-        } = Case::random(&mut rng);
+        let Case { mlp, params, batch, .. } = Case::random(&mut rng);
         let outputs = mlp.forward(&params, batch.all(), &mut workspace);
         let mut prepared = Prepared::new(&mlp, &params, batch.constant());
         for (sample, outputs) in batch.all().samples().zip(outputs.chunks(mlp.outputs())) {
@@ -230,33 +181,24 @@ fn one_sample_equals_the_batch_bit_for_bit() {
 #[test]
 fn refreshing_equals_preparing_anew() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
-    let Case {
-        mlp, params, batch, ..
-    } = Case::random(&mut rng);
+    let Case { mlp, params, batch, .. } = Case::random(&mut rng);
     let mut prepared = Prepared::new(&mlp, &vec![0.5; params.len()], &[0]);
     prepared.refresh(&params, batch.constant());
     let mut fresh = Prepared::new(&mlp, &params, batch.constant());
-    assert_eq!(
-        prepared.forward_one(&params, batch.sample(0)),
-        fresh.forward_one(&params, batch.sample(0))
-    );
+    assert_eq!(prepared.forward_one(&params, batch.sample(0)), fresh.forward_one(&params, batch.sample(0)));
 }
 
 #[test]
 fn a_selection_equals_a_copy() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     for _ in 0..30 {
-        let Case {
-            mlp, params, batch, ..
-        } = Case::random(&mut rng);
+        let Case { mlp, params, batch, .. } = Case::random(&mut rng);
         let len = rng.random_range(1..=70);
         let index = || rng.random_range(0..batch.len() as u32);
         let selection: Vec<u32> = iter::repeat_with(index).take(len).collect();
         let mut copy = BitBatch::default();
         copy.set_constant(batch.constant());
-        selection
-            .iter()
-            .for_each(|&index| copy.push_sample(batch.sample(index as usize)));
+        selection.iter().for_each(|&index| copy.push_sample(batch.sample(index as usize)));
 
         let d_outputs = uniform(&mut rng, selection.len() * mlp.outputs(), 1.0);
         let [selected, copied] = [batch.select(&selection), copy.all()].map(|batch| {
@@ -281,18 +223,9 @@ fn inputs_that_are_never_active_have_no_gradient() {
     let mut grads = vec![f32::NAN; params.len()];
     let mut workspace = Workspace::default();
     mlp.forward(&params, batch.all(), &mut workspace);
-    mlp.backward(
-        &params,
-        batch.all(),
-        &[1.0, 2.0, 3.0, 4.0],
-        &mut workspace,
-        &mut grads,
-    );
+    mlp.backward(&params, batch.all(), &[1.0, 2.0, 3.0, 4.0], &mut workspace, &mut grads);
     let zero = |input: usize| grads[input * 5..][..5].iter().all(|&g| g == 0.0);
-    assert_eq!(
-        [0, 1, 2, 3, 4, 5].map(zero),
-        [true, false, true, false, true, true]
-    );
+    assert_eq!([0, 1, 2, 3, 4, 5].map(zero), [true, false, true, false, true, true]);
 }
 
 #[test]
@@ -304,10 +237,6 @@ fn nan_in_a_parameter_reaches_the_outputs() {
         let mut batch = BitBatch::default();
         batch.push_sample(&[0]);
         let mut workspace = Workspace::default();
-        assert!(
-            mlp.forward(&params, batch.all(), &mut workspace)
-                .iter()
-                .all(|output| output.is_nan())
-        );
+        assert!(mlp.forward(&params, batch.all(), &mut workspace).iter().all(|output| output.is_nan()));
     }
 }
