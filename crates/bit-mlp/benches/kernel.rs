@@ -61,7 +61,7 @@ fn gradient(
 ) {
     d_outputs.clear();
     d_outputs.extend_from_slice(mlp.forward(&agent.params, batch, workspace));
-    mlp.backward(&agent.params, batch, d_outputs, workspace, &mut agent.grads);
+    mlp.backward(batch, d_outputs, workspace, &mut agent.grads);
 }
 
 fn ppo(criterion: &mut Criterion) {
@@ -86,9 +86,7 @@ fn ppo(criterion: &mut Criterion) {
         bencher.iter(|| policy.forward(&agent.params, minibatch, &mut workspace)[0]);
     });
     group.bench_function("backward", |bencher| {
-        bencher.iter(|| {
-            policy.backward(&agent.params, minibatch, &d_outputs_of(&policy), &mut workspace, &mut agent.grads)
-        });
+        bencher.iter(|| policy.backward(minibatch, &d_outputs_of(&policy), &mut workspace, &mut agent.grads));
     });
     group.bench_function("adam", |bencher| bencher.iter(|| agent.adam()));
     let mut prepared = Prepared::new(&policy, &agent.params, rollout.constant());

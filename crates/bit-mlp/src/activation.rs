@@ -31,8 +31,9 @@ fn tanh<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     let r = simd.negate_mul_add_e_f32s(n, simd.splat_f32s(LN_2_HIGH), y);
     let r = simd.negate_mul_add_e_f32s(n, simd.splat_f32s(LN_2_LOW), r);
 
-    let mut polynomial = simd.splat_f32s(0.0);
-    for coefficient in EXP_M1.into_iter().rev() {
+    let [lower @ .., highest] = EXP_M1;
+    let mut polynomial = simd.splat_f32s(highest);
+    for coefficient in lower.into_iter().rev() {
         polynomial = simd.mul_add_e_f32s(polynomial, r, simd.splat_f32s(coefficient));
     }
     let exp_m1 = simd.mul_add_e_f32s(simd.mul_f32s(r, r), polynomial, r);

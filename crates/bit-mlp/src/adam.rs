@@ -292,6 +292,12 @@ impl Constants {
         *mean = flush(simd.mul_add_e_f32s(splat(self.one_minus_beta1), simd.sub_f32s(grad, *mean), *mean));
         let scaled = simd.mul_f32s(splat(self.one_minus_beta2), grad);
         *square = flush(simd.mul_add_e_f32s(scaled, grad, simd.mul_f32s(splat(self.beta2), *square)));
+        let kept = simd.mul_f32s(simd.splat_f32s(self.keep), *param);
+        // Most inputs are inactive on most maps, and roots and quotients are the slow part.
+        if simd.first_true_m32s(simd.not_m32s(simd.equal_f32s(*mean, simd.splat_f32s(0.0)))) == S::F32_LANES {
+            *param = kept;
+            return;
+        }
         let root = simd.sqrt_f32s(*square);
         let denominator = simd.mul_add_e_f32s(root, splat(self.root_scale), splat(self.eps));
         let kept = simd.mul_f32s(splat(self.keep), *param);

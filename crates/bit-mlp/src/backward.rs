@@ -3,17 +3,17 @@
 use crate::activation::Differentiate;
 use crate::batch::Batch;
 use crate::buffer::{Buffer, padded};
-use crate::first_layer::{ScatterRows, SumSamples};
+use crate::first_layer::WeightGradient;
 use crate::forward::Workspace;
 use crate::matmul::{Left, Matmul};
-use crate::mlp::{Layer, Mlp};
+use crate::mlp::Mlp;
 
 impl Mlp {
     /// The gradient of the loss with respect to this network's parameters, written over `grads[self.range()]`.
     ///
     /// `d_outputs` `[B, outputs]` is the gradient of the loss with respect to the outputs of the
-    /// [`forward`](Self::forward) pass that went before, with the same `params`, `batch` and `workspace`. `grads` is flat
-    /// like `params`, and nothing of it outside of the network's range is touched.
+    /// [`forward`](Self::forward) pass that went before, with the same `batch` and `workspace`; it keeps the
+    /// parameters too. `grads` is flat like them, and nothing of it outside of the network's range is touched.
     ///
     /// With `x` what enters a layer, `δ` the gradient at what it computes before activation, and `b` the samples:
     /// `∂bias = Σ_b δ_b`, `∂weight = xᵀ δ`, and one layer down `δ' = (δ weightᵀ) ⊙ activation'`. In the first layer `x` is
@@ -21,15 +21,8 @@ impl Mlp {
     ///
     /// # Panics
     /// If the shapes do not fit, or `workspace` did not just serve a forward pass of as many samples.
-    pub fn backward(
-        &self,
-        params: &[f32],
-        batch: Batch<'_>,
-        d_outputs: &[f32],
-        workspace: &mut Workspace,
-        grads: &mut [f32],
-    ) {
-        let Workspace { arch, activations, deltas, transposed, gradient, .. } = workspace;
+    pub fn backward(&self, batch: Batch<'_>, d_outputs: &[f32], workspace: &mut Workspace, grads: &mut [f32]) {
+        let Workspace { arch, packed, activations, deltas, transposed, gradient, bias, .. } = workspace;
         let last = self.num_layers() - 1;
         assert_eq!(d_outputs.len(), batch.len() * self.outputs(), "d_outputs is [B, outputs]");
         assert_eq!(activations[last].len(), batch.len() * padded(self.outputs()), "the forward pass had another shape");
@@ -41,16 +34,22 @@ impl Mlp {
             let (lower, upper) = deltas.split_at_mut(index);
             let delta = &*upper[0];
 
-            // ∂bias, in the padded scratch because its kernel has no tails.
-            gradient.resize(outputs);
-            gradient.fill(0.0);
-            arch.dispatch(SumSamples { deltas: delta, out: gradient });
-            grads[layer.bias.clone()].copy_from_slice(&gradient[..layer.outputs]);
+            // ∂bias = Σ_b δ_b, a product with a row of ones.
+            bias.resize(outputs);
+            let left = Left { data: &[1.0], row: 0, column: 0 };
+            let (depth, width) = (batch.len(), outputs);
+            arch.dispatch(Matmul { left, right: delta, initial: None, depth, width, out: bias });
+            grads[layer.bias].copy_from_slice(&bias[..layer.outputs]);
 
             let Some(lower) = lower.last_mut() else {
-                first_weight(batch, &layer, grads);
-                let (width, gradient) = (layer.outputs, &mut grads[layer.weight]);
-                arch.dispatch(ScatterRows { deltas: delta, width, samples: batch.samples(), gradient });
+                arch.dispatch(WeightGradient {
+                    deltas: delta,
+                    width: layer.outputs,
+                    constant: batch.constant(),
+                    shared: bias,
+                    samples: batch.samples(),
+                    gradient: &mut grads[layer.weight],
+                });
                 continue;
             };
             let input = &*activations[index - 1];
@@ -66,24 +65,12 @@ impl Mlp {
             }
 
             // δ' = (δ weightᵀ) ⊙ activation'
-            transposed.copy_transposed(&params[layer.weight.clone()], layer.outputs);
+            transposed.copy_transposed(&packed.weights[index], outputs);
             lower.resize(batch.len() * inputs);
             let left = Left { data: delta, row: outputs, column: 1 };
             let (depth, width) = (layer.outputs, inputs);
             arch.dispatch(Matmul { left, right: transposed, initial: None, depth, width, out: lower });
             arch.dispatch(Differentiate { activation: self.activation(), activated: input, gradients: lower });
-        }
-    }
-}
-
-/// The constant inputs' part of the first layer's weight gradient, which is the bias' gradient; zeros elsewhere.
-fn first_weight(batch: Batch<'_>, layer: &Layer, grads: &mut [f32]) {
-    grads[layer.weight.clone()].fill(0.0);
-    let (weight, bias) = grads[layer.weight.start..layer.bias.end].split_at_mut(layer.weight.len());
-    for &index in batch.constant() {
-        let row = &mut weight[usize::from(index) * layer.outputs..][..layer.outputs];
-        for (sum, &shared) in row.iter_mut().zip(&*bias) {
-            *sum += shared;
         }
     }
 }

@@ -29,23 +29,39 @@ impl Buffer {
     pub(crate) fn copy_padded(&mut self, source: &[f32], columns: usize) {
         let stride = padded(columns);
         self.resize(source.len() / columns * stride);
+        if stride == columns {
+            return self.copy_from_slice(source);
+        }
         for (to, from) in self.chunks_exact_mut(stride).zip(source.chunks_exact(columns)) {
             to[..columns].copy_from_slice(from);
             to[columns..].fill(0.0);
         }
     }
 
-    /// Becomes the transpose of the matrix `source` `[rows, columns]`: `[columns, padded(rows)]`, padded by zeros.
-    pub(crate) fn copy_transposed(&mut self, source: &[f32], columns: usize) {
-        let rows = source.len() / columns;
+    /// Becomes the transpose `[width, padded(rows)]` of `source` `[rows, width]`, with `width` padded.
+    pub(crate) fn copy_transposed(&mut self, source: &[f32], width: usize) {
+        /// Blocks of four by four become shuffles of registers instead of single loads and stores.
+        const BLOCK: usize = 4;
+        let rows = source.len() / width;
         let stride = padded(rows);
-        self.resize(columns * stride);
-        for (column, to) in self.chunks_exact_mut(stride).enumerate() {
-            for (to, from) in to.iter_mut().zip(source[column..].iter().step_by(columns)) {
-                *to = *from;
+        self.resize(width * stride);
+        let (blocks, _) = self.as_chunks_mut::<BLOCK>();
+        let (source, _) = source.as_chunks::<BLOCK>();
+        for row in (0..rows).step_by(BLOCK) {
+            for column in (0..width).step_by(BLOCK) {
+                let mut block = [[0.0; BLOCK]; BLOCK];
+                for r in 0..BLOCK.min(rows - row) {
+                    let from = source[((row + r) * width + column) / BLOCK];
+                    for c in 0..BLOCK {
+                        block[c][r] = from[c];
+                    }
+                }
+                for (c, line) in block.into_iter().enumerate() {
+                    blocks[((column + c) * stride + row) / BLOCK] = line;
+                }
             }
-            to[rows..].fill(0.0);
         }
+        // Rows that are padding keep what they held: finite numbers, whose products nobody reads.
     }
 }
 

@@ -66,53 +66,54 @@ fn sum_columns<S: Simd, const V: usize>(
     V
 }
 
-/// `gradient[i] += deltas[b]` for the active inputs `i` of every sample `b`: the gradient of the weight. `deltas`
-/// `[B, padded(width)]`, `gradient` `[inputs, width]`.
-pub(crate) struct ScatterRows<'a, I> {
+/// The gradient of the weight: `gradient[i]` is the sum of `deltas[b]` over the samples `b` in which
+/// input `i` is active, which for the `constant` ones is `shared`, the gradient of the bias.
+///
+/// `gradient` `[inputs, width]`, `deltas` `[B, padded(width)]`, `shared` `[padded(width)]`.
+pub(crate) struct WeightGradient<'a, I> {
     pub(crate) deltas: &'a [f32],
     pub(crate) width: usize,
+    pub(crate) constant: &'a [u16],
+    pub(crate) shared: &'a [f32],
     pub(crate) samples: I,
     pub(crate) gradient: &'a mut [f32],
 }
 
-impl<'s, I: Iterator<Item = &'s [u16]>> WithSimd for ScatterRows<'_, I> {
+impl<'s, I: Iterator<Item = &'s [u16]>> WithSimd for WeightGradient<'_, I> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { deltas, width, samples, gradient } = self;
+        let Self { deltas, width, constant, shared, samples, gradient } = self;
+        gradient.fill(0.0);
+        add_to_rows(simd, gradient, &shared[..width], constant);
         for (sample, delta) in samples.zip(deltas.chunks_exact(padded(width))) {
-            let (delta, delta_tail) = S::as_simd_f32s(&delta[..width]);
-            for &index in sample {
-                let row = &mut gradient[usize::from(index) * width..][..width];
-                let (row, tail) = S::as_mut_simd_f32s(row);
-                for (sum, &delta) in row.iter_mut().zip(delta) {
-                    *sum = simd.add_f32s(*sum, delta);
-                }
-                for (sum, &delta) in tail.iter_mut().zip(delta_tail) {
-                    *sum += delta;
-                }
-            }
+            add_to_rows(simd, gradient, &delta[..width], sample);
         }
     }
 }
 
-/// `out += Σ_b deltas[b]`, the gradient of a bias; `deltas` `[B, padded(width)]`, `out` `[padded(width)]`.
-pub(crate) struct SumSamples<'a> {
-    pub(crate) deltas: &'a [f32],
-    pub(crate) out: &'a mut [f32],
-}
-
-impl WithSimd for SumSamples<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let out = S::as_mut_simd_f32s(self.out).0;
-        for delta in S::as_simd_f32s(self.deltas).0.chunks_exact(out.len()) {
-            for (sum, &delta) in out.iter_mut().zip(delta) {
+/// Adds `delta` `[width]` to the `active` rows of `gradient` `[inputs, width]`.
+#[inline(always)]
+fn add_to_rows<S: Simd>(simd: S, gradient: &mut [f32], delta: &[f32], active: &[u16]) {
+    const V: usize = 4;
+    let width = delta.len();
+    let (delta, delta_tail) = S::as_simd_f32s(delta);
+    let (blocks, rest) = delta.as_chunks::<V>();
+    for &index in active {
+        let row = &mut gradient[usize::from(index) * width..][..width];
+        let (row, tail) = S::as_mut_simd_f32s(row);
+        let (row_blocks, row_rest) = row.as_chunks_mut::<V>();
+        for (sums, deltas) in row_blocks.iter_mut().zip(blocks) {
+            for (sum, &delta) in sums.iter_mut().zip(deltas) {
                 *sum = simd.add_f32s(*sum, delta);
             }
+        }
+        for (sum, &delta) in row_rest.iter_mut().zip(rest) {
+            *sum = simd.add_f32s(*sum, delta);
+        }
+        for (sum, &delta) in tail.iter_mut().zip(delta_tail) {
+            *sum += delta;
         }
     }
 }

@@ -25,6 +25,8 @@ pub struct Workspace {
     pub(crate) transposed: Buffer,
     /// `[inputs, padded(outputs)]`: the weight gradient of the layer at hand.
     pub(crate) gradient: Buffer,
+    /// `[padded(outputs)]`: the bias gradient of the layer at hand.
+    pub(crate) bias: Buffer,
 }
 
 impl Default for Workspace {
@@ -43,6 +45,7 @@ impl Workspace {
             deltas: Vec::new(),
             transposed: Buffer::default(),
             gradient: Buffer::default(),
+            bias: Buffer::default(),
         }
     }
 }
@@ -56,7 +59,7 @@ pub(crate) struct Packed {
     /// Per layer `[padded(outputs)]`.
     biases: Vec<Buffer>,
     /// Per layer `[inputs, padded(outputs)]`; nothing for the first, whose weight is read where it lies.
-    weights: Vec<Buffer>,
+    pub(crate) weights: Vec<Buffer>,
 }
 
 impl Packed {

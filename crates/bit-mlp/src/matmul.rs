@@ -2,6 +2,8 @@
 
 use pulp::{Simd, WithSimd};
 
+use crate::buffer::LINE;
+
 /// The left factor of a product: element `[i, k]` is `data[i * row + k * column]`, so a transposed matrix costs nothing.
 #[derive(Clone, Copy)]
 pub(crate) struct Left<'a> {
@@ -32,15 +34,23 @@ impl WithSimd for Matmul<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        let vectors = self.width / S::F32_LANES;
+        let Self { left, right, initial, depth, width, ref out } = self;
+        let rows = out.len() / width;
+        assert!(width.is_multiple_of(LINE) && out.len() == rows * width);
+        assert!(right.len() >= depth * width && initial.is_none_or(|row| row.len() >= width));
+        if rows > 0 && depth > 0 {
+            assert!(left.data.len() > (rows - 1) * left.row + (depth - 1) * left.column);
+        }
+
+        let vectors = width / S::F32_LANES;
         let mut column = 0;
         while column < vectors {
-            // 8 to 16 accumulators: enough to hide the latency of a fused multiply-add (4 cycles, 2 at a time), few enough
-            // for 16 registers, or 32.
+            // 8 to 16 accumulators: enough to hide the latency of a fused multiply-add (4 cycles,
+            // 2 at a time), few enough for 16 registers, or 32.
             column += match vectors - column {
-                4.. if S::REGISTER_COUNT >= 32 => self.columns::<S, 4, 4>(simd, column),
-                2.. => self.columns::<S, 4, 2>(simd, column),
-                _ => self.columns::<S, 8, 1>(simd, column),
+                4.. if S::REGISTER_COUNT >= 32 => self.columns::<S, 4, 4>(simd, rows, column),
+                2.. => self.columns::<S, 4, 2>(simd, rows, column),
+                _ => self.columns::<S, 8, 1>(simd, rows, column),
             };
         }
     }
@@ -49,8 +59,7 @@ impl WithSimd for Matmul<'_> {
 impl Matmul<'_> {
     /// Computes `V` vectors of columns of all rows; returns `V`.
     #[inline(always)]
-    fn columns<S: Simd, const R: usize, const V: usize>(&mut self, simd: S, column: usize) -> usize {
-        let rows = self.out.len() / self.width;
+    fn columns<S: Simd, const R: usize, const V: usize>(&mut self, simd: S, rows: usize, column: usize) -> usize {
         let whole = rows - rows % R;
         for row in (0..whole).step_by(R) {
             self.tile::<S, R, V>(simd, row, column);
@@ -61,21 +70,29 @@ impl Matmul<'_> {
         V
     }
 
+    /// Computes the tile of `R` rows by `V` vectors of columns that begins at `row` and `column`.
     #[inline(always)]
     fn tile<S: Simd, const R: usize, const V: usize>(&mut self, simd: S, row: usize, column: usize) {
         let stride = self.width / S::F32_LANES;
-        let right = S::as_simd_f32s(self.right).0;
+        let right = &S::as_simd_f32s(self.right).0[column..];
+        let left = &self.left.data[row * self.left.row..];
+
         let mut sums = [[simd.splat_f32s(0.0); V]; R];
         if let Some(initial) = self.initial {
-            let initial: [S::f32s; V] = S::as_simd_f32s(initial).0[column..][..V].try_into().expect("V vectors");
-            sums = [initial; R];
+            let initial = &S::as_simd_f32s(initial).0[column..][..V];
+            sums = [initial.try_into().expect("V vectors"); R];
         }
         for k in 0..self.depth {
-            let right = &right[k * stride + column..][..V];
             for (r, sums) in sums.iter_mut().enumerate() {
-                let left = simd.splat_f32s(self.left.data[(row + r) * self.left.row + k * self.left.column]);
-                for (sum, &right) in sums.iter_mut().zip(right) {
-                    *sum = simd.mul_add_e_f32s(left, right, *sum);
+                for (v, sum) in sums.iter_mut().enumerate() {
+                    // SAFETY: `with_simd` has asserted that `left` holds all rows by `depth` and
+                    // `right` all of `depth` by `width`; the tile is a part of them. The checks
+                    // would take more time than the products.
+                    let (x, y) = unsafe {
+                        let x = left.get_unchecked(r * self.left.row + k * self.left.column);
+                        (*x, *right.get_unchecked(k * stride + v))
+                    };
+                    *sum = simd.mul_add_e_f32s(simd.splat_f32s(x), y, *sum);
                 }
             }
         }
