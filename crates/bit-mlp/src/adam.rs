@@ -283,25 +283,35 @@ impl WithSimd for Step<'_> {
 impl Constants {
     #[inline(always)]
     fn step<S: Simd>(&self, simd: S, param: &mut S::f32s, grad: S::f32s, mean: &mut S::f32s, square: &mut S::f32s) {
-        let splat = |value| simd.splat_f32s(value);
-        let flush = |moment| {
-            let negligible = simd.less_than_f32s(simd.abs_f32s(moment), splat(NEGLIGIBLE));
-            simd.select_f32s(negligible, splat(0.0), moment)
-        };
-        let grad = simd.mul_add_e_f32s(splat(self.penalty), *param, simd.mul_f32s(splat(self.gradient), grad));
-        *mean = flush(simd.mul_add_e_f32s(splat(self.one_minus_beta1), simd.sub_f32s(grad, *mean), *mean));
-        let scaled = simd.mul_f32s(splat(self.one_minus_beta2), grad);
-        *square = flush(simd.mul_add_e_f32s(scaled, grad, simd.mul_f32s(splat(self.beta2), *square)));
+        let penalty = simd.mul_f32s(simd.splat_f32s(self.penalty), *param);
+        let grad = simd.mul_add_e_f32s(simd.splat_f32s(self.gradient), grad, penalty);
+
+        let change = simd.sub_f32s(grad, *mean);
+        let new_mean = simd.mul_add_e_f32s(simd.splat_f32s(self.one_minus_beta1), change, *mean);
+        let grad_sq = simd.mul_f32s(grad, grad);
+        let kept_square = simd.mul_f32s(simd.splat_f32s(self.beta2), *square);
+        let one_minus_beta2 = simd.splat_f32s(self.one_minus_beta2);
+        let new_square = simd.mul_add_e_f32s(one_minus_beta2, grad_sq, kept_square);
         let kept = simd.mul_f32s(simd.splat_f32s(self.keep), *param);
-        // Most inputs are inactive on most maps, and roots and quotients are the slow part.
+
+        *mean = flush(simd, new_mean);
+        *square = flush(simd, new_square);
+
+        // Most inputs are inactive on most maps; the root and the quotient are what takes time.
         if simd.first_true_m32s(simd.not_m32s(simd.equal_f32s(*mean, simd.splat_f32s(0.0)))) == S::F32_LANES {
             *param = kept;
             return;
         }
         let root = simd.sqrt_f32s(*square);
-        let denominator = simd.mul_add_e_f32s(root, splat(self.root_scale), splat(self.eps));
-        let kept = simd.mul_f32s(splat(self.keep), *param);
+        let scale = simd.splat_f32s(self.root_scale);
+        let denominator = simd.mul_add_e_f32s(root, scale, simd.splat_f32s(self.eps));
         let ratio = simd.div_f32s(*mean, denominator);
-        *param = simd.negate_mul_add_e_f32s(splat(self.step_size), ratio, kept);
+        *param = simd.negate_mul_add_e_f32s(simd.splat_f32s(self.step_size), ratio, kept);
     }
+}
+
+#[inline(always)]
+fn flush<S: Simd>(simd: S, moment: S::f32s) -> S::f32s {
+    let negligible = simd.less_than_f32s(simd.abs_f32s(moment), simd.splat_f32s(NEGLIGIBLE));
+    simd.select_f32s(negligible, simd.splat_f32s(0.0), moment)
 }

@@ -22,7 +22,7 @@ impl Mlp {
     /// # Panics
     /// If the shapes do not fit, or `workspace` did not just serve a forward pass of as many samples.
     pub fn backward(&self, batch: Batch<'_>, d_outputs: &[f32], workspace: &mut Workspace, grads: &mut [f32]) {
-        let Workspace { arch, packed, activations, deltas, transposed, gradient, bias, .. } = workspace;
+        let Workspace { arch, packed, activations, deltas, transposed, gradient, bias, active_in, .. } = workspace;
         let last = self.num_layers() - 1;
         assert_eq!(d_outputs.len(), batch.len() * self.outputs(), "d_outputs is [B, outputs]");
         assert_eq!(activations[last].len(), batch.len() * padded(self.outputs()), "the forward pass had another shape");
@@ -42,12 +42,14 @@ impl Mlp {
             grads[layer.bias].copy_from_slice(&bias[..layer.outputs]);
 
             let Some(lower) = lower.last_mut() else {
+                active_in.resize(layer.inputs, 0);
                 arch.dispatch(WeightGradient {
                     deltas: delta,
                     width: layer.outputs,
                     constant: batch.constant(),
                     shared: bias,
                     samples: batch.samples(),
+                    active_in,
                     gradient: &mut grads[layer.weight],
                 });
                 continue;

@@ -69,13 +69,16 @@ fn sum_columns<S: Simd, const V: usize>(
 /// The gradient of the weight: `gradient[i]` is the sum of `deltas[b]` over the samples `b` in which
 /// input `i` is active, which for the `constant` ones is `shared`, the gradient of the bias.
 ///
-/// `gradient` `[inputs, width]`, `deltas` `[B, padded(width)]`, `shared` `[padded(width)]`.
+/// `gradient` `[inputs, width]`, `deltas` `[B, padded(width)]`, `shared` `[padded(width)]`. The samples are first turned
+/// around, 64 at a time, into `active_in` `[inputs]`, whose bit `b` tells whether the input is active in sample `b`:
+/// then a row is summed in registers, and written once.
 pub(crate) struct WeightGradient<'a, I> {
     pub(crate) deltas: &'a [f32],
     pub(crate) width: usize,
     pub(crate) constant: &'a [u16],
     pub(crate) shared: &'a [f32],
     pub(crate) samples: I,
+    pub(crate) active_in: &'a mut [u64],
     pub(crate) gradient: &'a mut [f32],
 }
 
@@ -84,36 +87,67 @@ impl<'s, I: Iterator<Item = &'s [u16]>> WithSimd for WeightGradient<'_, I> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { deltas, width, constant, shared, samples, gradient } = self;
+        let Self { deltas, width, constant, shared, mut samples, active_in, gradient } = self;
         gradient.fill(0.0);
-        add_to_rows(simd, gradient, &shared[..width], constant);
-        for (sample, delta) in samples.zip(deltas.chunks_exact(padded(width))) {
-            add_to_rows(simd, gradient, &delta[..width], sample);
+        for &index in constant {
+            let row = &mut gradient[usize::from(index) * width..][..width];
+            row.copy_from_slice(&shared[..width]);
+        }
+        for deltas in deltas.chunks(u64::BITS as usize * padded(width)) {
+            active_in.fill(0);
+            for (b, sample) in samples.by_ref().take(deltas.len() / padded(width)).enumerate() {
+                for &index in sample {
+                    active_in[usize::from(index)] |= 1 << b;
+                }
+            }
+            let deltas = S::as_simd_f32s(deltas).0;
+            for (row, &active_in) in gradient.chunks_exact_mut(width).zip(&*active_in) {
+                if active_in != 0 {
+                    add_samples(simd, row, deltas, active_in);
+                }
+            }
         }
     }
 }
 
-/// Adds `delta` `[width]` to the `active` rows of `gradient` `[inputs, width]`.
+/// Adds the `deltas` `[64, padded(width)]` of the samples whose bit is set to `row` `[width]`.
 #[inline(always)]
-fn add_to_rows<S: Simd>(simd: S, gradient: &mut [f32], delta: &[f32], active: &[u16]) {
+fn add_samples<S: Simd>(simd: S, row: &mut [f32], deltas: &[S::f32s], samples: u64) {
     const V: usize = 4;
-    let width = delta.len();
-    let (delta, delta_tail) = S::as_simd_f32s(delta);
-    let (blocks, rest) = delta.as_chunks::<V>();
-    for &index in active {
-        let row = &mut gradient[usize::from(index) * width..][..width];
-        let (row, tail) = S::as_mut_simd_f32s(row);
-        let (row_blocks, row_rest) = row.as_chunks_mut::<V>();
-        for (sums, deltas) in row_blocks.iter_mut().zip(blocks) {
-            for (sum, &delta) in sums.iter_mut().zip(deltas) {
-                *sum = simd.add_f32s(*sum, delta);
-            }
-        }
-        for (sum, &delta) in row_rest.iter_mut().zip(rest) {
+    let stride = padded(row.len()) / S::F32_LANES;
+    let (row, tail) = S::as_mut_simd_f32s(row);
+    let (blocks, rest) = row.as_chunks_mut::<V>();
+    let mut column = 0;
+    for sums in blocks {
+        *sums = add_columns(simd, *sums, deltas, stride, column, samples);
+        column += V;
+    }
+    for sum in rest {
+        [*sum] = add_columns(simd, [*sum], deltas, stride, column, samples);
+        column += 1;
+    }
+    if !tail.is_empty() {
+        let sum = simd.partial_load_f32s(tail);
+        let [sum] = add_columns(simd, [sum], deltas, stride, column, samples);
+        simd.partial_store_f32s(tail, sum);
+    }
+}
+
+#[inline(always)]
+fn add_columns<S: Simd, const V: usize>(
+    simd: S,
+    mut sums: [S::f32s; V],
+    deltas: &[S::f32s],
+    stride: usize,
+    column: usize,
+    mut samples: u64,
+) -> [S::f32s; V] {
+    while samples != 0 {
+        let delta = &deltas[samples.trailing_zeros() as usize * stride + column..][..V];
+        for (sum, &delta) in sums.iter_mut().zip(delta) {
             *sum = simd.add_f32s(*sum, delta);
         }
-        for (sum, &delta) in tail.iter_mut().zip(delta_tail) {
-            *sum += delta;
-        }
+        samples &= samples - 1;
     }
+    sums
 }

@@ -27,6 +27,8 @@ pub struct Workspace {
     pub(crate) gradient: Buffer,
     /// `[padded(outputs)]`: the bias gradient of the layer at hand.
     pub(crate) bias: Buffer,
+    /// `[inputs]`: in which of 64 samples an input is active, bit by bit.
+    pub(crate) active_in: Vec<u64>,
 }
 
 impl Default for Workspace {
@@ -46,6 +48,7 @@ impl Workspace {
             transposed: Buffer::default(),
             gradient: Buffer::default(),
             bias: Buffer::default(),
+            active_in: Vec::new(),
         }
     }
 }
