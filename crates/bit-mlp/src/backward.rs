@@ -29,7 +29,7 @@ impl Mlp {
 
         deltas.resize_with(self.num_layers(), Buffer::default);
         deltas[last].copy_padded(d_outputs, self.outputs());
-        for (index, layer) in self.layers().enumerate().collect::<Vec<_>>().into_iter().rev() {
+        for (index, layer) in self.layers().enumerate().rev() {
             let (inputs, outputs) = (padded(layer.inputs), padded(layer.outputs));
             let (lower, upper) = deltas.split_at_mut(index);
             let delta = &*upper[0];
@@ -61,10 +61,7 @@ impl Mlp {
             let left = Left { data: input, row: 1, column: inputs };
             let (depth, width, out) = (batch.len(), outputs, &mut **gradient);
             arch.dispatch(Matmul { left, right: delta, initial: None, depth, width, out });
-            let rows = grads[layer.weight.clone()].chunks_exact_mut(layer.outputs);
-            for (to, from) in rows.zip(gradient.chunks_exact(outputs)) {
-                to.copy_from_slice(&from[..layer.outputs]);
-            }
+            gradient.copy_unpadded(&mut grads[layer.weight], layer.outputs);
 
             // δ' = (δ weightᵀ) ⊙ activation'
             transposed.copy_transposed(&packed.weights[index], outputs);

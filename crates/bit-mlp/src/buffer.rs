@@ -15,14 +15,21 @@ pub(crate) fn padded(size: usize) -> usize {
 #[repr(C, align(64))]
 struct Line([f32; LINE]);
 
-/// A growing, cache-aligned array of floats. What is in it after [`resize`](Self::resize) is finite but unspecified.
+/// A growing, cache-aligned array of floats. What [`resize`](Self::resize) leaves in it is finite but unspecified.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Buffer(Vec<Line>);
+pub(crate) struct Buffer {
+    /// As many as were ever needed: to shrink and grow again costs nothing.
+    lines: Vec<Line>,
+    used: usize,
+}
 
 impl Buffer {
     /// Makes the length `len` floats, rounded up to whole lines. Allocates only if it was never as long before.
     pub(crate) fn resize(&mut self, len: usize) {
-        self.0.resize(len.div_ceil(LINE), Line::zeroed());
+        self.used = len.div_ceil(LINE);
+        if self.lines.len() < self.used {
+            self.lines.resize(self.used, Line::zeroed());
+        }
     }
 
     /// Becomes the matrix `source` `[rows, columns]` with its rows padded to whole lines by zeros.
@@ -38,30 +45,33 @@ impl Buffer {
         }
     }
 
-    /// Becomes the transpose `[width, padded(rows)]` of `source` `[rows, width]`, with `width` padded.
-    pub(crate) fn copy_transposed(&mut self, source: &[f32], width: usize) {
-        /// Blocks of four by four become shuffles of registers instead of single loads and stores.
-        const BLOCK: usize = 4;
-        let rows = source.len() / width;
-        let stride = padded(rows);
-        self.resize(width * stride);
-        let (blocks, _) = self.as_chunks_mut::<BLOCK>();
-        let (source, _) = source.as_chunks::<BLOCK>();
-        for row in (0..rows).step_by(BLOCK) {
-            for column in (0..width).step_by(BLOCK) {
-                let mut block = [[0.0; BLOCK]; BLOCK];
-                for r in 0..BLOCK.min(rows - row) {
-                    let from = source[((row + r) * width + column) / BLOCK];
-                    for c in 0..BLOCK {
-                        block[c][r] = from[c];
-                    }
-                }
-                for (c, line) in block.into_iter().enumerate() {
-                    blocks[((column + c) * stride + row) / BLOCK] = line;
+    /// Writes the matrix without its padding to `target` `[rows, columns]`.
+    pub(crate) fn copy_unpadded(&self, target: &mut [f32], columns: usize) {
+        let stride = padded(columns);
+        if stride == columns {
+            return target.copy_from_slice(&self[..target.len()]);
+        }
+        for (to, from) in target.chunks_exact_mut(columns).zip(self.chunks_exact(stride)) {
+            to.copy_from_slice(&from[..columns]);
+        }
+    }
+
+    /// Becomes the transpose of `source` `[rows, columns]`, both of them padded.
+    pub(crate) fn copy_transposed(&mut self, source: &Self, columns: usize) {
+        /// Squares of four by four become shuffles of registers instead of single loads and stores.
+        const SIDE: usize = 4;
+        let rows = source.len() / columns;
+        self.resize(source.len());
+        let to = self.as_chunks_mut::<SIDE>().0;
+        for (row, from) in source.chunks_exact(SIDE * columns).enumerate() {
+            let lines = from.as_chunks::<SIDE>().0;
+            for column in 0..columns / SIDE {
+                let [a, b, c, d] = [0, 1, 2, 3].map(|r| lines[r * (columns / SIDE) + column]);
+                for i in 0..SIDE {
+                    to[(column * SIDE + i) * (rows / SIDE) + row] = [a[i], b[i], c[i], d[i]];
                 }
             }
         }
-        // Rows that are padding keep what they held: finite numbers, whose products nobody reads.
     }
 }
 
@@ -69,12 +79,12 @@ impl std::ops::Deref for Buffer {
     type Target = [f32];
 
     fn deref(&self) -> &[f32] {
-        bytemuck::cast_slice(&self.0)
+        bytemuck::cast_slice(&self.lines[..self.used])
     }
 }
 
 impl std::ops::DerefMut for Buffer {
     fn deref_mut(&mut self) -> &mut [f32] {
-        bytemuck::cast_slice_mut(&mut self.0)
+        bytemuck::cast_slice_mut(&mut self.lines[..self.used])
     }
 }

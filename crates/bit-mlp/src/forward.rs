@@ -61,7 +61,7 @@ pub(crate) struct Packed {
     constant_sum: Buffer,
     /// Per layer `[padded(outputs)]`.
     biases: Vec<Buffer>,
-    /// Per layer `[inputs, padded(outputs)]`; nothing for the first, whose weight is read where it lies.
+    /// Per layer `[padded(inputs), padded(outputs)]`; nothing for the first, whose weight is read where it lies.
     pub(crate) weights: Vec<Buffer>,
 }
 
@@ -72,7 +72,9 @@ impl Packed {
         for (index, layer) in mlp.layers().enumerate() {
             self.biases[index].copy_padded(&params[layer.bias], layer.outputs);
             if index > 0 {
-                self.weights[index].copy_padded(&params[layer.weight], layer.outputs);
+                let weight = &mut self.weights[index];
+                weight.copy_padded(&params[layer.weight], layer.outputs);
+                weight.resize(padded(layer.inputs) * padded(layer.outputs));
                 continue;
             }
             // The constant inputs are one sample, whose sum starts from the bias.
@@ -132,11 +134,8 @@ impl Mlp {
         let Workspace { arch, packed, activations, outputs, .. } = workspace;
         packed.pack(*arch, self, params, batch.constant());
         packed.run(*arch, self, params, batch.samples(), activations);
-        outputs.clear();
-        let last = &activations[self.num_layers() - 1];
-        for row in last.chunks_exact(padded(self.outputs())) {
-            outputs.extend_from_slice(&row[..self.outputs()]);
-        }
+        outputs.resize(batch.len() * self.outputs(), 0.0);
+        activations[self.num_layers() - 1].copy_unpadded(outputs, self.outputs());
         outputs
     }
 }

@@ -67,7 +67,7 @@ impl Mlp {
 
     /// Number of parameters.
     pub fn num_parameters(&self) -> usize {
-        self.sizes.windows(2).map(|pair| pair[0] * pair[1] + pair[1]).sum()
+        count_parameters(&self.sizes)
     }
 
     /// Where the parameters lie in the flat slice.
@@ -81,14 +81,19 @@ impl Mlp {
     }
 
     /// The layers, from the inputs to the outputs.
-    pub fn layers(&self) -> impl Iterator<Item = Layer> {
-        self.sizes.windows(2).scan(self.offset, |next, pair| {
-            let (inputs, outputs) = (pair[0], pair[1]);
-            let (weight, bias) = (*next, *next + inputs * outputs);
-            *next = bias + outputs;
-            Some(Layer { inputs, outputs, weight: weight..bias, bias: bias..*next })
+    pub fn layers(&self) -> impl DoubleEndedIterator<Item = Layer> + ExactSizeIterator {
+        (0..self.num_layers()).map(|index| {
+            let (inputs, outputs) = (self.sizes[index], self.sizes[index + 1]);
+            let weight = self.offset + count_parameters(&self.sizes[..=index]);
+            let bias = weight + inputs * outputs;
+            Layer { inputs, outputs, weight: weight..bias, bias: bias..bias + outputs }
         })
     }
+}
+
+/// Number of parameters of the layers between these sizes.
+fn count_parameters(sizes: &[usize]) -> usize {
+    sizes.windows(2).map(|pair| pair[0] * pair[1] + pair[1]).sum()
 }
 
 #[cfg(test)]
