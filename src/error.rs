@@ -15,7 +15,10 @@ impl UserError {
 /// The process's exit code for an error.
 pub fn exit_code(error: &anyhow::Error) -> u8 {
     use crate::config::ConfigError;
+    use crate::run::checkpoint::CheckpointError;
     use coverage_env::LevelError;
-    let of_user = error.chain().any(|e| e.is::<UserError>() || e.is::<ConfigError>() || e.is::<LevelError>());
-    if of_user { 2 } else { 1 }
+    let of_user = |e: &(dyn std::error::Error + 'static)| {
+        e.is::<UserError>() || e.is::<ConfigError>() || e.is::<LevelError>() || e.is::<CheckpointError>()
+    };
+    if error.chain().any(of_user) { 2 } else { 1 }
 }

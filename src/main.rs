@@ -20,8 +20,8 @@ fn main() -> ExitCode {
 
 fn run(cli: &Cli) -> Result<()> {
     match &cli.command {
-        Command::Train(args) => args.run(cli.quiet),
-        Command::Curriculum(args) => args.run(cli.quiet),
+        Command::Train(args) => args.run(cli.verbosity()),
+        Command::Curriculum(args) => args.run(cli.verbosity()),
         Command::Eval(args) => args.run(),
         Command::Baseline(args) => args.run(),
         Command::Compare(args) => args.run(),

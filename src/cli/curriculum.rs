@@ -9,6 +9,7 @@ use crate::curriculum::Curriculum;
 use crate::report::study::{Planned, after_stage, matrix};
 use crate::report::{Format, Table};
 use crate::run::evaluations::{self, Row};
+use crate::training::progress::Verbosity;
 use crate::training::{Event, Experiment};
 
 /// The stage whose table the study prints: the one on this level.
@@ -32,7 +33,7 @@ impl CurriculumArgs {
     ///
     /// # Errors
     /// Wrong input, and seeds that failed.
-    pub fn run(&self, quiet: bool) -> Result<()> {
+    pub fn run(&self, verbosity: Verbosity) -> Result<()> {
         let config = self.training.config()?;
         let curriculum = Curriculum::sequence(parse_levels(&self.levels)?, config.timesteps)?;
         let experiment = self.training.experiment(config, curriculum, "curriculum")?;
@@ -44,7 +45,7 @@ impl CurriculumArgs {
         let study = stages.iter().find(|stage| stage.level.name() == STUDY_LEVEL).map(|stage| stage.index);
         let last = stages.len() as u16 - 1;
         let mut waiting = experiment.seeds.len();
-        let outcome = carry_out(&experiment, quiet, |event| match event {
+        let outcome = carry_out(&experiment, verbosity, |event| match event {
             Event::StageDone { stage, .. } if Some(*stage) == study && *stage != last => {
                 waiting -= 1;
                 if waiting == 0 {
@@ -56,14 +57,14 @@ impl CurriculumArgs {
 
         let runs: Vec<Vec<Row>> = outcome.finished.iter().map(|run| run.evaluations.clone()).collect();
         if runs.is_empty() {
-            return conclude(&experiment, &outcome);
+            return conclude(&experiment, verbosity, &outcome);
         }
         let tables = [
             after_stage(&experiment.curriculum, last, &runs, &planned),
             matrix(&experiment.curriculum, &runs, &planned),
         ];
         self.print(&tables)?;
-        conclude(&experiment, &outcome)
+        conclude(&experiment, verbosity, &outcome)
     }
 
     /// The study's Tables 2–4, from what the runs have written so far.

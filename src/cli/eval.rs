@@ -109,6 +109,10 @@ impl EvalArgs {
             let policy = path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
             return Ok(Model { checkpoint, policy, run: None, max_steps: coverage_env::MAX_STEPS, levels });
         }
+        if !path.join("manifest.json").is_file() {
+            let message = "holds no run: give a run's directory (with a manifest.json) or a checkpoint file";
+            return Err(UserError::new(format!("{} {message}", path.display())).into());
+        }
         let manifest = Manifest::read(path)?;
         let done = manifest.stages_done;
         let stage = self.stage.or(done.checked_sub(1)).filter(|stage| *stage < done).ok_or_else(|| {

@@ -17,6 +17,7 @@ use coverage_env::Level;
 
 use crate::error::UserError;
 use crate::evaluate::Starts;
+use crate::training::progress::Verbosity;
 
 /// The most seeds of one command.
 const MAX_SEEDS: u64 = 10_000;
@@ -28,9 +29,29 @@ pub struct Cli {
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
+    #[command(flatten)]
+    verbosity: VerbosityArgs,
+}
+
+#[derive(Clone, Copy, Debug, Args)]
+struct VerbosityArgs {
     /// Show less: no progress, failures only.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Show more: the resolved settings first, and each stage's end.
     #[arg(short, long, global = true)]
-    pub quiet: bool,
+    verbose: bool,
+}
+
+impl Cli {
+    /// How much is to be shown on stderr.
+    pub fn verbosity(&self) -> Verbosity {
+        match self.verbosity {
+            VerbosityArgs { quiet: true, .. } => Verbosity::Quiet,
+            VerbosityArgs { verbose: true, .. } => Verbosity::Verbose,
+            VerbosityArgs { .. } => Verbosity::Normal,
+        }
+    }
 }
 
 /// The subcommands.

@@ -9,6 +9,7 @@ use crate::curriculum::Curriculum;
 use crate::evaluate::Evaluation;
 use crate::report::{self, Format};
 use crate::run::evaluations::{Phase, level_result};
+use crate::training::progress::Verbosity;
 
 /// Train agents on one level.
 #[derive(Debug, Args)]
@@ -28,11 +29,11 @@ impl TrainArgs {
     ///
     /// # Errors
     /// Wrong input, and seeds that failed.
-    pub fn run(&self, quiet: bool) -> Result<()> {
+    pub fn run(&self, verbosity: Verbosity) -> Result<()> {
         let config = self.training.config()?;
         let curriculum = Curriculum::single(Level::resolve(&self.level)?, config.timesteps);
         let experiment = self.training.experiment(config, curriculum, "train")?;
-        let outcome = carry_out(&experiment, quiet, |_| {})?;
+        let outcome = carry_out(&experiment, verbosity, |_| {})?;
         let level = experiment.curriculum.levels[0].name();
         let evaluations: Vec<Evaluation> = outcome
             .finished
@@ -46,6 +47,6 @@ impl TrainArgs {
             })
             .collect();
         super::eval::print(&evaluations, &report::evaluations(&evaluations), self.format)?;
-        conclude(&experiment, &outcome)
+        conclude(&experiment, verbosity, &outcome)
     }
 }

@@ -12,7 +12,8 @@ use crate::agent::Backend;
 use crate::config::{self, Config};
 use crate::curriculum::Curriculum;
 use crate::error::UserError;
-use crate::training::progress::Progress;
+use crate::run::manifest::Manifest;
+use crate::training::progress::{Progress, Verbosity};
 use crate::training::{Dose, Event, Experiment, Outcome};
 
 /// Arguments of every training.
@@ -102,9 +103,13 @@ impl TrainingArgs {
 ///
 /// # Errors
 /// What kept the experiment from starting.
-pub fn carry_out(experiment: &Experiment, quiet: bool, mut on_event: impl FnMut(&Event)) -> Result<Outcome> {
-    let mut progress = Progress::new(experiment, quiet);
-    if let Some(line) = Dose::new(&experiment.config, &experiment.curriculum, &Value::Null).line() {
+pub fn carry_out(experiment: &Experiment, verbosity: Verbosity, mut on_event: impl FnMut(&Event)) -> Result<Outcome> {
+    let mut progress = Progress::new(experiment, verbosity);
+    if verbosity == Verbosity::Verbose {
+        eprint!("{}", experiment.config.to_yaml());
+    }
+    let dose = Dose::new(&experiment.config, &experiment.curriculum, &Value::Null);
+    if let Some(line) = dose.line().filter(|_| verbosity != Verbosity::Quiet) {
         eprintln!("{line}");
     }
     let outcome = experiment.run(|event| {
@@ -119,12 +124,36 @@ pub fn carry_out(experiment: &Experiment, quiet: bool, mut on_event: impl FnMut(
 ///
 /// # Errors
 /// Names every seed that failed.
-pub fn conclude(experiment: &Experiment, outcome: &Outcome) -> Result<()> {
+pub fn conclude(experiment: &Experiment, verbosity: Verbosity, outcome: &Outcome) -> Result<()> {
     let place = experiment.out.join(&experiment.config.name).join(&experiment.curriculum.name);
-    eprintln!("{} of {} seeds finished in {}", outcome.finished.len(), experiment.seeds.len(), place.display());
+    if verbosity != Verbosity::Quiet {
+        measured_dose(outcome)?.iter().for_each(|line| eprintln!("{line}"));
+        eprintln!("{} of {} seeds finished in {}", outcome.finished.len(), experiment.seeds.len(), place.display());
+    }
     if outcome.failed.is_empty() {
         return Ok(());
     }
     let each = outcome.failed.iter().map(|(seed, why)| format!("  seed {seed}: {why}"));
     Err(anyhow!("{} seeds failed:\n{}", outcome.failed.len(), each.collect::<Vec<_>>().join("\n")))
+}
+
+/// What the L2 penalty of the finished runs amounted to, a line per seed; nothing where there is none.
+fn measured_dose(outcome: &Outcome) -> Result<Vec<String>> {
+    let mut lines = Vec::new();
+    for run in &outcome.finished {
+        let dose = Manifest::read(&run.path)?.dose;
+        let list = |key: &str| {
+            let numbers = dose.get(key).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+            numbers.iter().filter_map(Value::as_f64).map(|v| format!("{v:.4}")).collect::<Vec<_>>().join(", ")
+        };
+        if !list("l2_ratio").is_empty() {
+            lines.push(format!(
+                "L2 dose of seed {}, stage by stage: ratio to the loss's gradient {}; norm of the weights {}",
+                run.seed,
+                list("l2_ratio"),
+                list("weight_norm")
+            ));
+        }
+    }
+    Ok(lines)
 }

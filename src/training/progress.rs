@@ -13,6 +13,17 @@ const BARS: usize = 8;
 /// Seconds between two plain lines.
 const LINE_INTERVAL: Duration = Duration::from_secs(5);
 
+/// How much is shown on stderr.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verbosity {
+    /// Failures only.
+    Quiet,
+    /// Progress.
+    Normal,
+    /// The resolved settings and every stage's end too.
+    Verbose,
+}
+
 /// Shows [`Event`]s on stderr.
 pub struct Progress {
     start: Instant,
@@ -22,6 +33,7 @@ pub struct Progress {
     stages: usize,
     seeds: BTreeMap<u64, SeedProgress>,
     num_seeds: usize,
+    verbose: bool,
     view: View,
 }
 
@@ -41,12 +53,12 @@ enum View {
 }
 
 impl Progress {
-    /// For one experiment; `quiet` shows failures only.
-    pub fn new(experiment: &Experiment, quiet: bool) -> Self {
+    /// For one experiment.
+    pub fn new(experiment: &Experiment, verbosity: Verbosity) -> Self {
         let start = Instant::now();
         let per_seed = experiment.curriculum.timesteps();
         let total = per_seed * experiment.seeds.len() as u64;
-        let view = if quiet {
+        let view = if verbosity == Verbosity::Quiet {
             View::Quiet
         } else if stderr().is_terminal() {
             let all = MultiProgress::new();
@@ -59,7 +71,8 @@ impl Progress {
         };
         let stages = experiment.curriculum.stages.len();
         let num_seeds = experiment.seeds.len();
-        Self { start, total, per_seed, stages, seeds: BTreeMap::new(), num_seeds, view }
+        let verbose = verbosity == Verbosity::Verbose;
+        Self { start, total, per_seed, stages, seeds: BTreeMap::new(), num_seeds, verbose, view }
     }
 
     /// Takes in one event.
@@ -152,8 +165,9 @@ impl Progress {
     /// A line for whoever watches.
     fn line(&self, text: &str) {
         match &self.view {
-            View::Quiet | View::Bars { .. } => {}
-            View::Lines { .. } => eprintln!("{text}"),
+            View::Quiet => {}
+            View::Bars { .. } if !self.verbose => {}
+            View::Lines { .. } | View::Bars { .. } => self.important(text),
         }
     }
 

@@ -106,7 +106,7 @@ impl Ppo {
                 actions: stream(Purpose::Actions),
                 minibatches: stream(Purpose::Minibatches),
                 rollout: Rollout::new(config.num_envs, &stage.level),
-                order: (0..(ppo.n_steps * config.num_envs) as u32).collect(),
+                order: Vec::new(),
                 episodes: EpisodeWindow::default(),
                 timesteps: 0,
                 losses: Losses::default(),
@@ -145,7 +145,7 @@ impl Ppo {
         }
         for seed in &mut self.seeds {
             seed.rollout.finish(&seed.envs);
-            seed.timesteps += (self.config.n_steps * num_envs) as u64;
+            seed.timesteps += seed.rollout.len() as u64;
         }
     }
 
@@ -161,7 +161,12 @@ impl Ppo {
     /// `n_epochs` passes of minibatches over the rollouts, each in a fresh order.
     fn update(&mut self) {
         self.updater.load(&self.seeds.iter().map(|seed| &seed.rollout).collect::<Vec<_>>());
-        self.seeds.iter_mut().for_each(|seed| seed.losses = Losses::default());
+        for seed in &mut self.seeds {
+            seed.losses = Losses::default();
+            // Beginning from the same order each time, an update depends on no order before it.
+            seed.order.clear();
+            seed.order.extend(0..seed.rollout.len() as u32);
+        }
         for _ in 0..self.config.n_epochs {
             for seed in &mut self.seeds {
                 shuffle(&mut seed.minibatches, &mut seed.order);
@@ -178,14 +183,10 @@ impl Ppo {
         }
         for (s, seed) in self.seeds.iter_mut().enumerate() {
             seed.agent.counters.updates += self.config.n_epochs as u64;
-            seed.agent.counters.timesteps += samples_of(&seed.rollout);
+            seed.agent.counters.timesteps += seed.rollout.len() as u64;
             self.updater.save(s, &mut seed.agent);
         }
     }
-}
-
-fn samples_of(rollout: &Rollout) -> u64 {
-    rollout.actions.len() as u64
 }
 
 impl Losses {

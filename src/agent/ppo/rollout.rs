@@ -50,6 +50,16 @@ impl Rollout {
         Self { num_envs, inputs, beyond, finals, ..Self::default() }
     }
 
+    /// Samples collected, T·N once it is full.
+    pub fn len(&self) -> usize {
+        self.rewards.len()
+    }
+
+    /// Whether nothing is collected.
+    pub fn is_empty(&self) -> bool {
+        self.rewards.is_empty()
+    }
+
     /// Empties it for the next collection.
     pub fn clear(&mut self) {
         [&mut self.inputs, &mut self.beyond, &mut self.finals].into_iter().for_each(BitBatch::clear);
