@@ -1,4 +1,5 @@
-//! What a gradient step and an action cost: `cargo bench -p bit-mlp`, best on an idle core (`taskset -c 0`).
+//! What a gradient step and an action cost: `cargo bench -p bit-mlp`, best on an idle core
+//! (`taskset -c 0`).
 
 use std::hint::black_box;
 
@@ -9,7 +10,8 @@ use chacha20::ChaCha8Rng;
 use criterion::{Criterion, criterion_group, criterion_main};
 use rand::{RngExt, SeedableRng};
 
-/// Samples like those of an 8×8 level: 63 constant inputs, the agent's cell and 2 to 40 visited cells.
+/// Samples like those of an 8×8 level: 63 constant inputs, the agent's cell and 2 to 40 visited
+/// cells.
 fn samples(count: usize) -> BitBatch {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut batch = BitBatch::default();

@@ -4,15 +4,17 @@ use pulp::{Arch, Simd, WithSimd};
 
 use crate::mlp::Activation;
 
-/// Replaces every value by its hyperbolic tangent, to within 3 units in the last place; NaN stays NaN.
+/// Replaces every value by its hyperbolic tangent, to within 3 units in the last place; NaN stays
+/// NaN.
 pub fn tanh_in_place(values: &mut [f32]) {
     Arch::new().dispatch(Activate { activation: Activation::Tanh, values });
 }
 
 /// tanh |x| = t / (t + 2) with t = e^(2 |x|) − 1.
 ///
-/// The form keeps every digit: for small x since t is computed without its 1, for large x since an error of t cancels in
-/// the quotient, which never exceeds 1. With 2 |x| = n ln 2 + r and |r| ≤ ½ ln 2, t = 2ⁿ (eʳ − 1) + (2ⁿ − 1).
+/// The form keeps every digit: for small x since t is computed without its 1, for large x since an
+/// error of t cancels in the quotient, which never exceeds 1. With 2 |x| = n ln 2 + r and |r| ≤ ½
+/// ln 2, t = 2ⁿ (eʳ − 1) + (2ⁿ − 1).
 #[inline(always)]
 fn tanh<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     let magnitude = simd.abs_f32s(x);
@@ -22,7 +24,8 @@ fn tanh<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     let magnitude = simd.select_f32s(saturated, limit, magnitude);
     let y = simd.add_f32s(magnitude, magnitude);
 
-    // The sum rounds y / ln 2 to the integer n, and has n plus a float's exponent bias in its lowest bits.
+    // The sum rounds y / ln 2 to the integer n, and has n plus a float's exponent bias in its
+    // lowest bits.
     let round = simd.splat_f32s(ROUND);
     let shifted = simd.mul_add_e_f32s(y, simd.splat_f32s(std::f32::consts::LOG2_E), round);
     let n = simd.sub_f32s(shifted, round);
@@ -42,7 +45,8 @@ fn tanh<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     simd.or_f32s(quotient, simd.and_f32s(x, simd.splat_f32s(-0.0)))
 }
 
-/// Beyond it tanh is 1 in `f32`: 1 − tanh(13 ln 2) ≈ 2⁻²⁵, half the distance from 1 to its neighbour below.
+/// Beyond it tanh is 1 in `f32`: 1 − tanh(13 ln 2) ≈ 2⁻²⁵, half the distance from 1 to its
+/// neighbour below.
 const SATURATION: f32 = 9.1;
 
 /// Numbers near 1.5 · 2²³ have no fractional bits; 127 is the bias of a float's exponent.
@@ -52,8 +56,8 @@ const ROUND: f32 = 12_582_912.0 + 127.0;
 const LN_2_HIGH: f32 = 355.0 / 512.0;
 const LN_2_LOW: f32 = -2.121_944_4e-4;
 
-/// eʳ − 1 ≈ r + r² · Σ c_k rᵏ on |r| ≤ ½ ln 2, with the least relative error, 2⁻²⁶: an iteratively reweighted
-/// least-squares fit in 40 digits.
+/// eʳ − 1 ≈ r + r² · Σ c_k rᵏ on |r| ≤ ½ ln 2, with the least relative error, 2⁻²⁶: an iteratively
+/// reweighted least-squares fit in 40 digits.
 const EXP_M1: [f32; 5] = [0.499_999_98, 0.166_665_44, 0.041_667_2, 8.366_514e-3, 1.388_252e-3];
 
 #[inline(always)]
@@ -91,9 +95,11 @@ fn activate<S: Simd>(simd: S, activation: Activation, x: S::f32s) -> S::f32s {
     }
 }
 
-/// Multiplies the loss gradients of activated values by the activation's derivative: the gradients before activation.
+/// Multiplies the loss gradients of activated values by the activation's derivative: the gradients
+/// before activation.
 ///
-/// The derivative is taken from the activated values: 1 − tanh², and 1 where ReLU let something through.
+/// The derivative is taken from the activated values: 1 − tanh², and 1 where ReLU let something
+/// through.
 pub(crate) struct Differentiate<'a> {
     pub(crate) activation: Activation,
     pub(crate) activated: &'a [f32],

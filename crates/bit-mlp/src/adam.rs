@@ -1,10 +1,12 @@
-//! Clipping by the global norm and Adam, as PyTorch computes them, in two passes over the flat parameters.
+//! Clipping by the global norm and Adam, as PyTorch computes them, in two passes over the flat
+//! parameters.
 
 use std::ops::Range;
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// Hyperparameters of Adam (Kingma & Ba, 2015, <https://arxiv.org/abs/1412.6980>), with PyTorch's names and defaults.
+/// Hyperparameters of Adam (Kingma & Ba, 2015, <https://arxiv.org/abs/1412.6980>), with PyTorch's
+/// names and defaults.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdamConfig {
     /// Learning rate.
@@ -30,11 +32,13 @@ impl Default for AdamConfig {
 pub enum Decay {
     /// Nowhere.
     None,
-    /// `θ ← (1 − lr λ) θ` before the step, outside of the gradient: `torch.optim.AdamW` (Loshchilov & Hutter, 2019).
+    /// `θ ← (1 − lr λ) θ` before the step, outside of the gradient: `torch.optim.AdamW` (Loshchilov
+    /// & Hutter, 2019).
     Decoupled(f64),
     /// `λθ` is added to the gradient after clipping: `torch.optim.Adam(weight_decay=λ)`.
     Coupled(f64),
-    /// `λθ` is added to the gradient before clipping, as if the loss had the term `½ λ ‖θ‖²`; the norm includes it.
+    /// `λθ` is added to the gradient before clipping, as if the loss had the term `½ λ ‖θ‖²`; the
+    /// norm includes it.
     InLoss(f64),
 }
 
@@ -47,7 +51,8 @@ pub enum Decayed<'a> {
     Only(&'a [Range<usize>]),
 }
 
-/// Adam's state: two flat slices as long as the parameters, zeros before the first step, and the number of the step.
+/// Adam's state: two flat slices as long as the parameters, zeros before the first step, and the
+/// number of the step.
 #[derive(Debug)]
 pub struct Moments<'a> {
     /// Running mean of the gradients.
@@ -76,10 +81,12 @@ pub struct GradientNorms {
 /// v ← β₂ v + (1 − β₂) g²                              exp_avg_sq
 /// θ ← θ − lr / (1 − β₁ᵗ) · m / (√v / √(1 − β₂ᵗ) + ε)  t = step
 /// ```
-/// and the decay where [`Decay`] says. One deviation from PyTorch: moments below 10⁻³⁶ become 0. Those of an input that
-/// is no longer active would otherwise fade into subnormal numbers, with which processors are many times slower.
+/// and the decay where [`Decay`] says. One deviation from PyTorch: moments below 10⁻³⁶ become 0.
+/// Those of an input that is no longer active would otherwise fade into subnormal numbers, with
+/// which processors are many times slower.
 ///
-/// If the norm is not finite, **nothing is changed**: the caller is told by the result, and still has its last good state.
+/// If the norm is not finite, **nothing is changed**: the caller is told by the result, and still
+/// has its last good state.
 ///
 /// # Panics
 /// If the lengths differ or the step is 0.
@@ -125,7 +132,8 @@ pub fn clip_and_adam(
     norm
 }
 
-/// How much of a gradient is the penalty's: the norms of `grads` and of λ times the decayed parameters.
+/// How much of a gradient is the penalty's: the norms of `grads` and of λ times the decayed
+/// parameters.
 pub fn gradient_norms(params: &[f32], grads: &[f32], lambda: f64, decayed: Decayed<'_>) -> GradientNorms {
     let arch = Arch::new();
     let mut sum = 0.0;
@@ -221,7 +229,8 @@ struct Constants {
 }
 
 impl Constants {
-    /// Those of a parameter that does not decay. In `f64`, as PyTorch: 1 − 0.999 has few digits left in `f32`.
+    /// Those of a parameter that does not decay. In `f64`, as PyTorch: 1 − 0.999 has few digits
+    /// left in `f32`.
     fn new(config: &AdamConfig, step: u64, coefficient: f32) -> Self {
         let AdamConfig { lr, beta1, beta2, eps, .. } = *config;
         Self {
@@ -271,9 +280,11 @@ impl WithSimd for Step<'_> {
         for (((param, &grad), mean), square) in params.iter_mut().zip(grads).zip(means).zip(squares) {
             self.constants.step(simd, param, grad, mean, square);
         }
-        let load = |tail: &[f32]| simd.partial_load_f32s(tail);
-        let (mut param, mut mean, mut square) = (load(params_tail), load(means_tail), load(squares_tail));
-        self.constants.step(simd, &mut param, load(grads_tail), &mut mean, &mut square);
+        let mut param = simd.partial_load_f32s(params_tail);
+        let mut mean = simd.partial_load_f32s(means_tail);
+        let mut square = simd.partial_load_f32s(squares_tail);
+        let grad = simd.partial_load_f32s(grads_tail);
+        self.constants.step(simd, &mut param, grad, &mut mean, &mut square);
         simd.partial_store_f32s(params_tail, param);
         simd.partial_store_f32s(means_tail, mean);
         simd.partial_store_f32s(squares_tail, square);
@@ -281,6 +292,7 @@ impl WithSimd for Step<'_> {
 }
 
 impl Constants {
+    /// The step of one vector of parameters.
     #[inline(always)]
     fn step<S: Simd>(&self, simd: S, param: &mut S::f32s, grad: S::f32s, mean: &mut S::f32s, square: &mut S::f32s) {
         let penalty = simd.mul_f32s(simd.splat_f32s(self.penalty), *param);
@@ -298,7 +310,8 @@ impl Constants {
         *square = flush(simd, new_square);
 
         // Most inputs are inactive on most maps; the root and the quotient are what takes time.
-        if simd.first_true_m32s(simd.not_m32s(simd.equal_f32s(*mean, simd.splat_f32s(0.0)))) == S::F32_LANES {
+        let still = simd.equal_f32s(*mean, simd.splat_f32s(0.0));
+        if simd.first_true_m32s(simd.not_m32s(still)) == S::F32_LANES {
             *param = kept;
             return;
         }
@@ -310,6 +323,7 @@ impl Constants {
     }
 }
 
+/// `moment`, or 0 where it is negligible.
 #[inline(always)]
 fn flush<S: Simd>(simd: S, moment: S::f32s) -> S::f32s {
     let negligible = simd.less_than_f32s(simd.abs_f32s(moment), simd.splat_f32s(NEGLIGIBLE));

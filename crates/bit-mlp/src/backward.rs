@@ -9,18 +9,22 @@ use crate::matmul::{Left, Matmul};
 use crate::mlp::Mlp;
 
 impl Mlp {
-    /// The gradient of the loss with respect to this network's parameters, written over `grads[self.range()]`.
+    /// The gradient of the loss with respect to this network's parameters, written over
+    /// `grads[self.range()]`.
     ///
     /// `d_outputs` `[B, outputs]` is the gradient of the loss with respect to the outputs of the
-    /// [`forward`](Self::forward) pass that went before, with the same `batch` and `workspace`; it keeps the
-    /// parameters too. `grads` is flat like them, and nothing of it outside of the network's range is touched.
+    /// [`forward`](Self::forward) pass that went before, with the same `batch` and `workspace`; it
+    /// keeps the parameters too. `grads` is flat like them, and nothing of it outside of the
+    /// network's range is touched.
     ///
-    /// With `x` what enters a layer, `δ` the gradient at what it computes before activation, and `b` the samples:
-    /// `∂bias = Σ_b δ_b`, `∂weight = xᵀ δ`, and one layer down `δ' = (δ weightᵀ) ⊙ activation'`. In the first layer `x` is
-    /// bits: `δ_b` is added to the rows of sample `b`'s active inputs, and the rows of the constant inputs all equal `∂bias`.
+    /// With `x` what enters a layer, `δ` the gradient at what it computes before activation, and
+    /// `b` the samples: `∂bias = Σ_b δ_b`, `∂weight = xᵀ δ`, and one layer down `δ' = (δ weightᵀ) ⊙
+    /// activation'`. In the first layer `x` is bits: `δ_b` is added to the rows of sample `b`'s
+    /// active inputs, and the rows of the constant inputs all equal `∂bias`.
     ///
     /// # Panics
-    /// If the shapes do not fit, or `workspace` did not just serve a forward pass of as many samples.
+    /// If the shapes do not fit, or `workspace` did not just serve a forward pass of as many
+    /// samples.
     pub fn backward(&self, batch: Batch<'_>, d_outputs: &[f32], workspace: &mut Workspace, grads: &mut [f32]) {
         let Workspace { arch, packed, activations, deltas, transposed, gradient, bias, active_in, .. } = workspace;
         let last = self.num_layers() - 1;
@@ -34,11 +38,16 @@ impl Mlp {
             let (lower, upper) = deltas.split_at_mut(index);
             let delta = &*upper[0];
 
-            // ∂bias = Σ_b δ_b, a product with a row of ones.
+            // ∂bias = Σ_b δ_b
             bias.resize(outputs);
-            let left = Left { data: &[1.0], row: 0, column: 0 };
-            let (depth, width) = (batch.len(), outputs);
-            arch.dispatch(Matmul { left, right: delta, initial: None, depth, width, out: bias });
+            arch.dispatch(Matmul {
+                left: Left::ones(),
+                right: delta,
+                initial: None,
+                depth: batch.len(),
+                width: outputs,
+                out: bias,
+            });
             grads[layer.bias].copy_from_slice(&bias[..layer.outputs]);
 
             let Some(lower) = lower.last_mut() else {
@@ -58,17 +67,27 @@ impl Mlp {
 
             // ∂weight = xᵀ δ
             gradient.resize(inputs * outputs);
-            let left = Left { data: input, row: 1, column: inputs };
-            let (depth, width, out) = (batch.len(), outputs, &mut **gradient);
-            arch.dispatch(Matmul { left, right: delta, initial: None, depth, width, out });
+            arch.dispatch(Matmul {
+                left: Left::transposed(input, inputs),
+                right: delta,
+                initial: None,
+                depth: batch.len(),
+                width: outputs,
+                out: gradient,
+            });
             gradient.copy_unpadded(&mut grads[layer.weight], layer.outputs);
 
             // δ' = (δ weightᵀ) ⊙ activation'
             transposed.copy_transposed(&packed.weights[index], outputs);
             lower.resize(batch.len() * inputs);
-            let left = Left { data: delta, row: outputs, column: 1 };
-            let (depth, width) = (layer.outputs, inputs);
-            arch.dispatch(Matmul { left, right: transposed, initial: None, depth, width, out: lower });
+            arch.dispatch(Matmul {
+                left: Left::new(delta, outputs),
+                right: transposed,
+                initial: None,
+                depth: layer.outputs,
+                width: inputs,
+                out: lower,
+            });
             arch.dispatch(Differentiate { activation: self.activation(), activated: input, gradients: lower });
         }
     }

@@ -2,9 +2,10 @@
 
 /// Samples of binary inputs, each given by the indices of its active inputs.
 ///
-/// Inputs that are active in every sample (the map: free cells and targets) are stored once, as the *constant* ones. A
-/// sample lists only what else is active in it (the agent, the visited cells). An index must not appear twice, neither
-/// in a list nor in the constant and a sample's list: inputs are added, so it would count as an input of value 2.
+/// Inputs that are active in every sample (the map: free cells and targets) are stored once, as the
+/// *constant* ones. A sample lists only what else is active in it (the agent, the visited cells).
+/// An index must not appear twice, neither in a list nor in the constant and a sample's list:
+/// inputs are added, so it would count as an input of value 2.
 #[derive(Clone, Debug)]
 pub struct BitBatch {
     constant: Vec<u16>,
@@ -38,7 +39,8 @@ impl BitBatch {
         self.push_with(|active| active.extend_from_slice(indices));
     }
 
-    /// Appends a sample whose active inputs `write` pushes to the vector that it is given (and must only push to).
+    /// Appends a sample whose active inputs `write` pushes to the vector that it is given (and must
+    /// only push to).
     pub fn push_with(&mut self, write: impl FnOnce(&mut Vec<u16>)) {
         let start = self.active.len();
         write(&mut self.active);

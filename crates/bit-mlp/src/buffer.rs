@@ -15,7 +15,8 @@ pub(crate) fn padded(size: usize) -> usize {
 #[repr(C, align(64))]
 struct Line([f32; LINE]);
 
-/// A growing, cache-aligned array of floats. What [`resize`](Self::resize) leaves in it is finite but unspecified.
+/// A growing, cache-aligned array of floats. What [`resize`](Self::resize) leaves in it is finite
+/// but unspecified.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Buffer {
     /// As many as were ever needed: to shrink and grow again costs nothing.
@@ -24,7 +25,8 @@ pub(crate) struct Buffer {
 }
 
 impl Buffer {
-    /// Makes the length `len` floats, rounded up to whole lines. Allocates only if it was never as long before.
+    /// Makes the length `len` floats, rounded up to whole lines. Allocates only if it was never as
+    /// long before.
     pub(crate) fn resize(&mut self, len: usize) {
         self.used = len.div_ceil(LINE);
         if self.lines.len() < self.used {
@@ -58,7 +60,8 @@ impl Buffer {
 
     /// Becomes the transpose of `source` `[rows, columns]`, both of them padded.
     pub(crate) fn copy_transposed(&mut self, source: &Self, columns: usize) {
-        /// Squares of four by four become shuffles of registers instead of single loads and stores.
+        /// In squares, which end in as many lines as they begin in, rather than each float in
+        /// another.
         const SIDE: usize = 4;
         let rows = source.len() / columns;
         self.resize(source.len());

@@ -4,8 +4,8 @@ use pulp::{Simd, WithSimd};
 
 use crate::buffer::padded;
 
-/// `out[b] = initial + Σ weight[i]` over the active inputs `i` of sample `b`; `out` `[B, padded(width)]`, `weight`
-/// `[inputs, width]`, `initial` `[padded(width)]`.
+/// `out[b] = initial + Σ weight[i]` over the active inputs `i` of sample `b`; `out` `[B,
+/// padded(width)]`, `weight` `[inputs, width]`, `initial` `[padded(width)]`.
 pub(crate) struct SumRows<'a, I> {
     pub(crate) weight: &'a [f32],
     pub(crate) width: usize,
@@ -66,12 +66,12 @@ fn sum_columns<S: Simd, const V: usize>(
     V
 }
 
-/// The gradient of the weight: `gradient[i]` is the sum of `deltas[b]` over the samples `b` in which
-/// input `i` is active, which for the `constant` ones is `shared`, the gradient of the bias.
+/// The gradient of the weight: `gradient[i]` is the sum of `deltas[b]` over the samples `b` in
+/// which input `i` is active, which for the `constant` ones is `shared`, the gradient of the bias.
 ///
-/// `gradient` `[inputs, width]`, `deltas` `[B, padded(width)]`, `shared` `[padded(width)]`. The samples are first turned
-/// around, 64 at a time, into `active_in` `[inputs]`, whose bit `b` tells whether the input is active in sample `b`:
-/// then a row is summed in registers, and written once.
+/// `gradient` `[inputs, width]`, `deltas` `[B, padded(width)]`, `shared` `[padded(width)]`. The
+/// samples are first turned around, 64 at a time, into `active_in` `[inputs]`, whose bit `b` tells
+/// whether the input is active in sample `b`: then a row is summed in registers, and written once.
 pub(crate) struct WeightGradient<'a, I> {
     pub(crate) deltas: &'a [f32],
     pub(crate) width: usize,

@@ -1,4 +1,5 @@
-//! From bits to outputs: for a batch, keeping what the gradient needs, and for one sample, as fast as can be.
+//! From bits to outputs: for a batch, keeping what the gradient needs, and for one sample, as fast
+//! as can be.
 
 use pulp::Arch;
 
@@ -9,8 +10,9 @@ use crate::first_layer::SumRows;
 use crate::matmul::{Left, Matmul};
 use crate::mlp::Mlp;
 
-/// Memory for [`Mlp::forward`] and [`Mlp::backward`]. It grows to the largest network and batch it has seen, and can
-/// serve any; between a forward pass and its backward pass it must serve no other.
+/// Memory for [`Mlp::forward`] and [`Mlp::backward`]. It grows to the largest network and batch it
+/// has seen, and can serve any; between a forward pass and its backward pass it must serve no
+/// other.
 #[derive(Clone, Debug)]
 pub struct Workspace {
     pub(crate) arch: Arch,
@@ -19,11 +21,12 @@ pub struct Workspace {
     pub(crate) activations: Vec<Buffer>,
     /// `[B, outputs]`
     outputs: Vec<f32>,
-    /// Per layer `[B, padded(outputs)]`: the loss gradient of what the layer computes before activation.
+    /// Per layer `[B, padded(outputs)]`: the loss gradient of what the layer computes before
+    /// activation.
     pub(crate) deltas: Vec<Buffer>,
-    /// `[outputs, padded(inputs)]`: the transposed weight of the layer at hand.
+    /// `[padded(outputs), padded(inputs)]`: the transposed weight of the layer at hand.
     pub(crate) transposed: Buffer,
-    /// `[inputs, padded(outputs)]`: the weight gradient of the layer at hand.
+    /// `[padded(inputs), padded(outputs)]`: the weight gradient of the layer at hand.
     pub(crate) gradient: Buffer,
     /// `[padded(outputs)]`: the bias gradient of the layer at hand.
     pub(crate) bias: Buffer,
@@ -53,15 +56,16 @@ impl Workspace {
     }
 }
 
-/// What a forward pass needs of the parameters, apart from the first layer's weight: rows padded to whole lines, so that
-/// the kernels have no tails and their loads straddle no lines.
+/// What a forward pass needs of the parameters, apart from the first layer's weight: rows padded to
+/// whole lines, so that the kernels have no tails and their loads straddle no lines.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Packed {
     /// `[padded(outputs)]` of the first layer: its bias plus the weights of the constant inputs.
     constant_sum: Buffer,
     /// Per layer `[padded(outputs)]`.
     biases: Vec<Buffer>,
-    /// Per layer `[padded(inputs), padded(outputs)]`; nothing for the first, whose weight is read where it lies.
+    /// Per layer `[padded(inputs), padded(outputs)]`; nothing for the first, whose weight is read
+    /// where it lies.
     pub(crate) weights: Vec<Buffer>,
 }
 
@@ -89,7 +93,8 @@ impl Packed {
         }
     }
 
-    /// Runs the network on `samples`, `B` of them; `activations` become per layer `[B, padded(outputs)]`.
+    /// Runs the network on `samples`, `B` of them; `activations` become per layer `[B,
+    /// padded(outputs)]`.
     ///
     /// Both ways to an output end here, which is why they agree bit for bit.
     fn run<'a>(
@@ -107,9 +112,14 @@ impl Packed {
             let width = padded(layer.outputs);
             out.resize(samples.len() * width);
             if let Some(input) = before.last() {
-                let left = Left { data: input, row: padded(layer.inputs), column: 1 };
-                let (right, initial) = (&*self.weights[index], Some(&*self.biases[index]));
-                arch.dispatch(Matmul { left, right, initial, depth: layer.inputs, width, out });
+                arch.dispatch(Matmul {
+                    left: Left::new(input, padded(layer.inputs)),
+                    right: &self.weights[index],
+                    initial: Some(&self.biases[index]),
+                    depth: layer.inputs,
+                    width,
+                    out,
+                });
             } else {
                 arch.dispatch(SumRows {
                     weight: &params[layer.weight],
@@ -127,7 +137,8 @@ impl Packed {
 }
 
 impl Mlp {
-    /// The outputs `[B, outputs]` of the network, row-major, for the samples of `batch`; `params` is the whole flat slice.
+    /// The outputs `[B, outputs]` of the network, row-major, for the samples of `batch`; `params`
+    /// is the whole flat slice.
     ///
     /// What [`backward`](Self::backward) needs stays in `workspace`.
     pub fn forward<'w>(&self, params: &[f32], batch: Batch<'_>, workspace: &'w mut Workspace) -> &'w [f32] {
@@ -140,10 +151,12 @@ impl Mlp {
     }
 }
 
-/// A network made ready to act: one sample at a time, while its parameters and the constant inputs stay the same.
+/// A network made ready to act: one sample at a time, while its parameters and the constant inputs
+/// stay the same.
 ///
-/// What depends on those alone is computed once, so that a sample costs a fraction of a microsecond. The outputs are
-/// those of [`Mlp::forward`] bit for bit: a policy's log-probabilities of a rollout, computed again in a batch, do not move.
+/// What depends on those alone is computed once, so that a sample costs a fraction of a
+/// microsecond. The outputs are those of [`Mlp::forward`] bit for bit: a policy's log-probabilities
+/// of a rollout, computed again in a batch, do not move.
 #[derive(Clone, Debug)]
 pub struct Prepared {
     mlp: Mlp,
@@ -164,17 +177,67 @@ impl Prepared {
         prepared
     }
 
-    /// Prepares the network anew, after an update of the parameters or on another map. Allocates nothing.
+    /// Prepares the network anew, after an update of the parameters or on another map. Allocates
+    /// nothing.
     pub fn refresh(&mut self, params: &[f32], constant: &[u16]) {
         self.packed.pack(self.arch, &self.mlp, params, constant);
     }
 
     /// The outputs `[outputs]` for one sample with these active inputs beside the constant ones.
     ///
-    /// `params` must be those of the last [`refresh`](Self::refresh): the first layer's weight is read from them, the
-    /// rest from the preparation.
+    /// `params` must be those of the last [`refresh`](Self::refresh): the first layer's weight is
+    /// read from them, the rest from the preparation.
     pub fn forward_one(&mut self, params: &[f32], active: &[u16]) -> &[f32] {
         self.packed.run(self.arch, &self.mlp, params, std::iter::once(active), &mut self.activations);
         &self.activations[self.mlp.num_layers() - 1][..self.mlp.outputs()]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::batch::BitBatch;
+    use crate::mlp::Activation;
+
+    /// Plain code, every instruction set of this machine that has kernels, and the one that is
+    /// chosen.
+    fn architectures() -> Vec<Arch> {
+        let mut all = vec![Arch::Scalar, Arch::new()];
+        #[cfg(target_arch = "x86_64")]
+        all.extend(pulp::x86::V3::try_new().map(Arch::V3));
+        all
+    }
+
+    #[test]
+    fn instruction_sets_agree() {
+        for activation in [Activation::Tanh, Activation::Relu] {
+            let mlp = Mlp::new(&[40, 37, 64, 5], activation, 3);
+            let params: Vec<f32> = (0..mlp.range().end).map(|i| (i as f32 * 0.7).sin() * 0.3).collect();
+            let mut batch = BitBatch::default();
+            batch.set_constant(&[1, 5, 39]);
+            for sample in 0..70 {
+                batch.push_with(|active| active.extend((6..39).filter(|i| (i * sample) % 7 == 3)));
+            }
+            let d_outputs: Vec<f32> = (0..70 * 5).map(|i| (i as f32 * 0.3).cos()).collect();
+
+            let results = architectures().into_iter().map(|arch| {
+                let mut workspace = Workspace::with_arch(arch);
+                let mut results = mlp.forward(&params, batch.all(), &mut workspace).to_vec();
+                let mut prepared = Prepared::with_arch(arch, &mlp, &params, batch.constant());
+                let acted = batch.all().samples().flat_map(|sample| prepared.forward_one(&params, sample).to_vec());
+                assert_eq!(acted.collect::<Vec<_>>(), results);
+
+                let mut grads = vec![0.0; params.len()];
+                mlp.backward(batch.all(), &d_outputs, &mut workspace, &mut grads);
+                results.extend(grads);
+                results
+            });
+            let results: Vec<_> = results.collect();
+            for other in &results[1..] {
+                for (a, b) in results[0].iter().zip(other) {
+                    assert!((a - b).abs() <= 1e-5 * (1.0 + a.abs()), "{a} and {b}");
+                }
+            }
+        }
     }
 }

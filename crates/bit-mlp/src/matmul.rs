@@ -4,22 +4,40 @@ use pulp::{Simd, WithSimd};
 
 use crate::buffer::LINE;
 
-/// The left factor of a product: element `[i, k]` is `data[i * row + k * column]`, so a transposed matrix costs nothing.
+/// The left factor of a product: element `[i, k]` is `data[i * row + k * column]`, so a transposed
+/// matrix costs nothing.
 #[derive(Clone, Copy)]
 pub(crate) struct Left<'a> {
-    pub(crate) data: &'a [f32],
-    pub(crate) row: usize,
-    pub(crate) column: usize,
+    data: &'a [f32],
+    row: usize,
+    column: usize,
 }
 
-/// `out = initial + left · right`, with `out` `[rows, width]`, `right` `[depth, width]` and `initial` `[width]` added to
-/// every row (zeros if `None`).
+impl<'a> Left<'a> {
+    /// A matrix whose rows are `stride` apart.
+    pub(crate) fn new(data: &'a [f32], stride: usize) -> Self {
+        Self { data, row: stride, column: 1 }
+    }
+
+    /// The transpose of a matrix whose rows are `stride` apart.
+    pub(crate) fn transposed(data: &'a [f32], stride: usize) -> Self {
+        Self { data, row: 1, column: stride }
+    }
+
+    /// A row of ones, as long as is needed: the product sums the rows of the right factor.
+    pub(crate) fn ones() -> Self {
+        Self { data: &[1.0], row: 0, column: 0 }
+    }
+}
+
+/// `out = initial + left · right`, with `out` `[rows, width]`, `right` `[depth, width]` and
+/// `initial` `[width]` added to every row (zeros if `None`).
 ///
-/// `width` is padded to whole cache lines. The terms of an element are added in the order of `depth`, whatever the number
-/// of rows: a sample's outputs do not depend on the batch it is in.
+/// `width` is padded to whole cache lines. The terms of an element are added in the order of
+/// `depth`, whatever the number of rows: a sample's outputs do not depend on the batch it is in.
 ///
-/// A tile of `R` rows by `V` vectors of the result stays in registers while `depth` runs, so that each vector of `right` is
-/// loaded once per `R` products and each element of `left` once per `V`.
+/// A tile of `R` rows by `V` vectors of the result stays in registers while `depth` runs, so that
+/// each vector of `right` is loaded once per `R` products and each element of `left` once per `V`.
 pub(crate) struct Matmul<'a> {
     pub(crate) left: Left<'a>,
     pub(crate) right: &'a [f32],

@@ -16,7 +16,8 @@ struct Optimiser {
 }
 
 impl Optimiser {
-    /// A step as torch.optim.Adam, torch.optim.AdamW and clip_grad_norm_ write it. Returns the norm.
+    /// A step as torch.optim.Adam, torch.optim.AdamW and clip_grad_norm_ write it. Returns the
+    /// norm.
     fn step(
         &mut self,
         grads: &[f64],

@@ -1,4 +1,5 @@
-//! Forward and backward against a plain reference in `f64`, and the reference's gradient against finite differences.
+//! Forward and backward against a plain reference in `f64`, and the reference's gradient against
+//! finite differences.
 
 use std::iter;
 
