@@ -4,7 +4,7 @@
 use std::hint::black_box;
 
 use bit_mlp::{
-    Activation, AdamConfig, BitBatch, Decayed, Mlp, Moments, Prepared, Workspace, clip_and_adam, tanh_in_place,
+    Activation, AdamConfig, Batch, BitBatch, Decayed, Mlp, Moments, Prepared, Workspace, clip_and_adam, tanh_in_place,
 };
 use chacha20::ChaCha8Rng;
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -54,13 +54,7 @@ impl Agent {
 }
 
 /// Forward and backward of one network, with its outputs for the loss gradient.
-fn gradient(
-    mlp: &Mlp,
-    agent: &mut Agent,
-    batch: bit_mlp::Batch<'_>,
-    workspace: &mut Workspace,
-    d_outputs: &mut Vec<f32>,
-) {
+fn gradient(mlp: &Mlp, agent: &mut Agent, batch: Batch<'_>, workspace: &mut Workspace, d_outputs: &mut Vec<f32>) {
     d_outputs.clear();
     d_outputs.extend_from_slice(mlp.forward(&agent.params, batch, workspace));
     mlp.backward(batch, d_outputs, workspace, &mut agent.grads);
@@ -87,8 +81,10 @@ fn ppo(criterion: &mut Criterion) {
     group.bench_function("forward", |bencher| {
         bencher.iter(|| policy.forward(&agent.params, minibatch, &mut workspace)[0]);
     });
+    let d_logits = vec![0.1; minibatch.len() * policy.outputs()];
+    policy.forward(&agent.params, minibatch, &mut workspace);
     group.bench_function("backward", |bencher| {
-        bencher.iter(|| policy.backward(minibatch, &d_outputs_of(&policy), &mut workspace, &mut agent.grads));
+        bencher.iter(|| policy.backward(minibatch, &d_logits, &mut workspace, &mut agent.grads));
     });
     group.bench_function("adam", |bencher| bencher.iter(|| agent.adam()));
     let mut prepared = Prepared::new(&policy, &agent.params, rollout.constant());
@@ -100,10 +96,6 @@ fn ppo(criterion: &mut Criterion) {
         });
     });
     group.finish();
-}
-
-fn d_outputs_of(mlp: &Mlp) -> Vec<f32> {
-    vec![0.1; 64 * mlp.outputs()]
 }
 
 fn dqn(criterion: &mut Criterion) {
