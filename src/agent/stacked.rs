@@ -6,7 +6,7 @@
 use bit_mlp::{Activation, Batch, GradientNorms};
 use tch::{Device, IndexOp, Kind, Tensor};
 
-use super::network::{Network, Tower};
+use super::network::Network;
 use super::state::{AdamState, AgentState};
 use crate::config::{L2, L2Covers, OptimizerConfig};
 
@@ -30,6 +30,19 @@ pub struct Stacked {
     covered: Tensor,
     /// Norms of the last gradient, the L2 penalty left out, `[S]`.
     loss_norms: Vec<f32>,
+}
+
+/// The layers of one tower for all seeds.
+pub struct TowerViews {
+    layers: Vec<LayerViews>,
+}
+
+/// One layer for all seeds.
+struct LayerViews {
+    /// `[S, in, out]`.
+    weight: Tensor,
+    /// `[S, 1, out]`.
+    bias: Tensor,
 }
 
 impl Stacked {
@@ -64,24 +77,32 @@ impl Stacked {
         self.device
     }
 
-    /// The architecture all rows share.
-    pub fn network(&self) -> &Network {
-        &self.network
+    /// The layers of every tower as views into `parameters`, `[S, P]`.
+    ///
+    /// One split for all of them: its gradient is one concatenation, where a slice each would give a full `[S, P]`
+    /// tensor each.
+    pub fn towers(&self, parameters: &Tensor) -> Vec<TowerViews> {
+        let places = self.network.tensors();
+        let sizes: Vec<i64> = places.iter().map(|place| place.range.len() as i64).collect();
+        let mut parts = parameters.split_with_sizes(sizes, 1).into_iter();
+        let mut view = |inputs: i64, outputs: usize| {
+            let Some(part) = parts.next() else { unreachable!("there are as many parts as tensors") };
+            part.view([-1, inputs, outputs as i64])
+        };
+        let mut layer = |layer: bit_mlp::Layer| LayerViews {
+            weight: view(layer.inputs as i64, layer.outputs),
+            bias: view(1, layer.outputs),
+        };
+        let towers = self.network.towers().iter();
+        towers.map(|tower| TowerViews { layers: tower.mlp.layers().map(&mut layer).collect() }).collect()
     }
 
-    /// Outputs `[S, B, out]` of a tower with `parameters` `[S, P]` on `inputs` `[S, B, in]`.
-    pub fn forward(&self, parameters: &Tensor, tower: &Tower, inputs: &Tensor) -> Tensor {
-        let seeds = parameters.size()[0];
-        let last = tower.sizes.len() - 2;
+    /// Outputs `[S, B, out]` of a tower on `inputs` `[S, B, in]`.
+    pub fn forward(&self, tower: &TowerViews, inputs: &Tensor) -> Tensor {
         let mut hidden = inputs.shallow_clone();
-        for (i, layer) in tower.mlp.layers().enumerate() {
-            let view = |range: std::ops::Range<usize>, shape: [i64; 3]| {
-                parameters.narrow(1, range.start as i64, range.len() as i64).view(shape)
-            };
-            let weight = view(layer.weight, [seeds, layer.inputs as i64, layer.outputs as i64]);
-            let bias = view(layer.bias, [seeds, 1, layer.outputs as i64]);
-            hidden = bias.baddbmm(&hidden, &weight, 1.0, 1.0);
-            if i < last {
+        for (i, layer) in tower.layers.iter().enumerate() {
+            hidden = layer.bias.baddbmm(&hidden, &layer.weight, 1.0, 1.0);
+            if i + 1 < tower.layers.len() {
                 hidden = match self.network.activation() {
                     Activation::Tanh => hidden.tanh(),
                     Activation::Relu => hidden.relu(),
@@ -114,18 +135,16 @@ impl Stacked {
 
         self.step += 1;
         let (beta1, beta2) = BETAS;
-        self.exp_avg = &self.exp_avg * beta1 + &gradient * (1.0 - beta1);
-        self.exp_avg_sq = &self.exp_avg_sq * beta2 + gradient.square() * (1.0 - beta2);
         let correction = |beta: f64| 1.0 - beta.powf(self.step as f64);
-        let denominator = self.exp_avg_sq.sqrt() / correction(beta2).sqrt() + o.adam_eps;
-        let mut next = theta;
         if o.l2 == L2::AdamW {
             // PyTorch multiplies by the factor rounded to f32, in which 1 − 10⁻⁸ is 1.
-            let factor = o.decoupled_factor();
-            next = &next * (&self.covered * f64::from(factor - 1.0) + 1.0);
+            let _ = self.parameters.g_mul_(&(&self.covered * f64::from(o.decoupled_factor() - 1.0) + 1.0));
         }
-        let step = (o.learning_rate / correction(beta1)) * &self.exp_avg / denominator;
-        self.parameters = (next - step).set_requires_grad(true);
+        let _ = self.exp_avg.lerp_(&gradient, 1.0 - beta1);
+        let _ = self.exp_avg_sq.g_mul_scalar_(beta2).addcmul_(&gradient, &(&gradient * (1.0 - beta2)));
+        let denominator = self.exp_avg_sq.sqrt() / correction(beta2).sqrt() + o.adam_eps;
+        let step = &self.exp_avg * (-o.learning_rate / correction(beta1));
+        let _ = self.parameters.addcdiv_(&step, &denominator);
         to_vec(&norm)
     }
 

@@ -32,7 +32,7 @@ impl AutogradDqn {
 
     /// Action values `[S, B, 4]` with these parameters.
     fn values(&self, parameters: &Tensor, inputs: &Tensor) -> Tensor {
-        self.stacked.forward(parameters, &self.stacked.network().towers()[0], inputs)
+        self.stacked.forward(&self.stacked.towers(parameters)[0], inputs)
     }
 }
 

@@ -38,18 +38,11 @@ impl AutogradPpo {
         Self { stacked, config: config.clone(), rollouts: None }
     }
 
-    /// The outputs of one tower, `[S, B, out]`.
-    fn tower(&self, index: usize, inputs: &Tensor) -> Tensor {
-        self.stacked.forward(self.stacked.parameters(), &self.stacked.network().towers()[index], inputs)
-    }
-
-    fn policy(&self, inputs: &Tensor) -> Tensor {
-        self.tower(0, inputs)
-    }
-
-    /// `[S, B]`.
-    fn value(&self, inputs: &Tensor) -> Tensor {
-        self.tower(1, inputs).squeeze_dim(2)
+    /// Policy logits `[S, B, 4]` and values `[S, B]`.
+    fn outputs(&self, inputs: &Tensor) -> (Tensor, Tensor) {
+        let towers = self.stacked.towers(self.stacked.parameters());
+        let [policy, value] = &towers[..] else { unreachable!("PPO has a policy and a value tower") };
+        (self.stacked.forward(policy, inputs), self.stacked.forward(value, inputs).squeeze_dim(2))
     }
 }
 
@@ -57,14 +50,14 @@ impl PpoUpdater for AutogradPpo {
     fn act(&mut self, inputs: &[BitBatch], logits: &mut [f32]) {
         let _guard = tch::no_grad_guard();
         let batches: Vec<_> = inputs.iter().map(BitBatch::all).collect();
-        logits.copy_from_slice(&to_vec(&self.policy(&self.stacked.dense(&batches))));
+        let towers = self.stacked.towers(self.stacked.parameters());
+        logits.copy_from_slice(&to_vec(&self.stacked.forward(&towers[0], &self.stacked.dense(&batches))));
     }
 
     fn forward(&mut self, inputs: &[&BitBatch]) -> Vec<Outputs> {
         let _guard = tch::no_grad_guard();
         let batches: Vec<_> = inputs.iter().map(|batch| batch.all()).collect();
-        let dense = self.stacked.dense(&batches);
-        let (logits, values) = (self.policy(&dense), self.value(&dense));
+        let (logits, values) = self.outputs(&self.stacked.dense(&batches));
         (0..inputs.len() as i64)
             .map(|s| Outputs { logits: to_vec(&logits.get(s)), values: to_vec(&values.get(s)) })
             .collect()
@@ -89,21 +82,21 @@ impl PpoUpdater for AutogradPpo {
         let index = stack(wide.iter().map(Vec::as_slice), device);
         let pick = |tensor: &Tensor| tensor.gather(1, &index, false);
         let batches: Vec<_> = rollouts.iter().zip(indices).map(|(r, index)| r.inputs.select(index)).collect();
-        let inputs = self.stacked.dense(&batches);
+        let (logits, values) = self.outputs(&self.stacked.dense(&batches));
 
         let mut advantages = pick(&loaded.advantages);
         if c.normalize_advantage && indices[0].len() > 1 {
             let mean = advantages.mean_dim(1, true, Kind::Float);
             advantages = (&advantages - mean) / (advantages.std_dim(1, true, true) + 1e-8);
         }
-        let log_probs_all = self.policy(&inputs).log_softmax(-1, Kind::Float);
+        let log_probs_all = logits.log_softmax(-1, Kind::Float);
         let log_probs = log_probs_all.gather(2, &pick(&loaded.actions).unsqueeze(2), false).squeeze_dim(2);
         let log_ratio = log_probs - pick(&loaded.log_probs);
         let ratio = log_ratio.exp();
         let clipped = ratio.clamp(1.0 - c.clip_range, 1.0 + c.clip_range);
         let mean = |tensor: Tensor| tensor.mean_dim(1, false, Kind::Float);
         let policy = -mean((&advantages * &ratio).minimum(&(&advantages * clipped)));
-        let value = mean((self.value(&inputs) - pick(&loaded.returns)).square());
+        let value = mean((values - pick(&loaded.returns)).square());
         let entropy = mean((log_probs_all.exp() * &log_probs_all).sum_dim_intlist(-1, false, Kind::Float));
         let total = &policy + c.ent_coef * &entropy + c.vf_coef * &value;
         let grad_norms = self.stacked.descend(&total);
