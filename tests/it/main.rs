@@ -1,0 +1,11 @@
+//! The whole program: as a library against recorded and hand-computed numbers, and as a user meets it in a shell.
+//!
+//! What Stable-Baselines3 computed is under `tests/fixtures/sb3`; its README says how each number was made.
+
+mod advantages;
+mod dqn_schedule;
+mod fixtures;
+mod numbers;
+mod replay;
+mod sb3_dqn;
+mod sb3_ppo;
