@@ -115,14 +115,7 @@ impl PyLevel {
 
     /// The actions of an episode, to its end.
     #[pyo3(signature = (planner, row, column, max_steps))]
-    fn plan<'py>(
-        &self,
-        py: Python<'py>,
-        planner: &str,
-        row: i64,
-        column: i64,
-        max_steps: u32,
-    ) -> PyResult<Plan<'py>> {
+    fn plan<'py>(&self, py: Python<'py>, planner: &str, row: i64, column: i64, max_steps: u32) -> PyResult<Plan<'py>> {
         let start = start_cell(&self.level, row, column).map_err(value_error)?;
         let plan = || -> Result<(Vec<Action>, EpisodeResult), PlanError> {
             let actions = if planner == "astar" {

@@ -6,11 +6,11 @@
 //!
 //! | module | what |
 //! |---|---|
-//! | [`level`] | `Level`, with the planners |
-//! | [`source`] | `LevelSource`: which level an episode is played on |
-//! | [`runner`] | one environment, episode after episode |
-//! | [`single`] | `Env`: a runner behind Gymnasium's `Env` |
-//! | [`vector`] | `VectorEnv`: many runners behind Gymnasium's `VectorEnv` |
+//! | `level` | `Level`, with the planners |
+//! | `source` | `LevelSource`: which level an episode is played on |
+//! | `runner` | one environment, episode after episode |
+//! | `single` | `Env`: a runner behind Gymnasium's `Env` |
+//! | `vector` | `VectorEnv`: many runners behind Gymnasium's `VectorEnv` |
 //!
 //! Nothing may panic on what Python passes in: it raises instead.
 

@@ -116,8 +116,7 @@ impl Env {
     fn __reduce__<'py>(slf: &Bound<'py, Env>) -> PyResult<Reduced<'py>> {
         let (py, restore) = (slf.py(), slf.get_type().getattr("restore")?);
         let env = slf.try_borrow()?;
-        let arguments =
-            (env.source.clone_ref(py), env.runner.env().max_steps(), env.grid, env.runner.save(py)?);
+        let arguments = (env.source.clone_ref(py), env.runner.env().max_steps(), env.grid, env.runner.save(py)?);
         Ok((restore, arguments))
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -63,3 +64,9 @@ def folder(tmp_path: Path) -> Path:
     """A fresh folder; afterwards nothing half-written may be left in it."""
     yield tmp_path
     assert not list(tmp_path.glob(".*.part"))
+
+
+@pytest.fixture(autouse=True, scope="session")
+def windows_without_a_screen() -> None:
+    """Lets pygame open its windows nowhere."""
+    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")

@@ -7,7 +7,7 @@ import pytest
 
 from conftest import SB3_FIXTURES
 from cpp_rl_gym.checkpoint import read
-from oracle import OracleEnv, read_map
+from oracle import OracleEnv, VectorOracle, read_map
 
 DOWN, UP, RIGHT, LEFT = range(4)
 
@@ -29,14 +29,43 @@ def test_a_walk_by_hand() -> None:
     np.testing.assert_array_equal(observation[3], [[1, 0, 1], [1, 1, 1]])
 
 
-def test_the_step_limit_truncates_unless_the_last_target_is_reached() -> None:
+def test_the_step_limit_truncates_even_if_the_last_target_is_reached() -> None:
     env = OracleEnv(["..T"], max_steps=2)
     env.reset(options={"start": (0, 0)})
     assert env.step(RIGHT)[2:4] == (False, False)
-    assert env.step(RIGHT)[2:4] == (True, False)
+    assert env.step(RIGHT)[2:4] == (True, True)
     env.reset(options={"start": (0, 0)})
     env.step(LEFT)
     assert env.step(LEFT)[1:4] == (-1.0, False, True)
+
+
+def test_infos_count_and_name_the_open_ways() -> None:
+    env = OracleEnv([".#T", "..T"])
+    _, info = env.reset(options={"start": (1, 1)})
+    assert (info["steps"], info["remaining_targets"], info["action_mask"].tolist()) == (0, 2, [0, 0, 1, 1])
+    *_, info = env.step(RIGHT)
+    assert (info["steps"], info["remaining_targets"], info["action_mask"].tolist()) == (1, 1, [0, 1, 0, 1])
+
+
+def test_many_agents_in_arrays_do_what_each_does_alone() -> None:
+    maps = [[".#T", "..T"], ["T.#", "..."], ["...", ".T."]]
+    many, alone = VectorOracle(maps, max_steps=9), [OracleEnv(rows, max_steps=9) for rows in maps]
+    observations, infos = many.reset()
+    for _ in range(300):
+        actions = many.random.integers(4, size=len(maps))
+        starts = [tuple(np.argwhere(observation[1])[0]) for observation in observations]
+        if (begun := infos["steps"] == 0).any():
+            for i in np.flatnonzero(begun):
+                alone[i].reset(options={"start": starts[i]})
+        observations, rewards, terminated, truncated, infos = many.step(actions)
+        for i, env in enumerate(alone):
+            observation, reward, *ends, info = env.step(actions[i])
+            assert (reward, *ends) == (rewards[i], terminated[i], truncated[i])
+            if not any(ends):
+                np.testing.assert_array_equal(observation, observations[i])
+                assert info["steps"] == infos["steps"][i]
+                assert info["remaining_targets"] == infos["remaining_targets"][i]
+                np.testing.assert_array_equal(info["action_mask"], infos["action_mask"][i])
 
 
 def test_the_levels_have_the_studys_counts() -> None:

@@ -4,6 +4,8 @@ import numpy as np
 import numpy.typing as npt
 from typing_extensions import Self
 
+__all__ = ["BUILTIN_LEVELS", "MAX_STEPS", "RENDER_LEGEND", "Env", "Level", "LevelSource", "VectorEnv"]
+
 MAX_STEPS: Final[int]
 BUILTIN_LEVELS: Final[list[str]]
 RENDER_LEGEND: Final[str]
@@ -50,7 +52,7 @@ class Level:
     ) -> tuple[npt.NDArray[np.int64], float, int, bool]:
         """The actions of an episode, to its end; its return, its length, and whether it is solved."""
     def __hash__(self) -> int: ...
-    def __eq__(self, other: object) -> bool: ...
+    def __eq__(self, value: object, /) -> bool: ...
 
 @final
 class LevelSource:

@@ -139,7 +139,7 @@ def to_bytes(checkpoint: Checkpoint) -> bytes:
     }
     text = json.dumps(document, separators=(",", ":"), ensure_ascii=False)
     tensors = {name: np.ascontiguousarray(tensor) for name, tensor in c.tensors.items()}
-    raw = _safetensors().save(tensors, metadata={"cpp-rl": text})
+    raw: bytes = _safetensors().save(tensors, metadata={"cpp-rl": text})
     at = _digits_at(raw)
     if at is None:  # cannot happen while the JSON above starts with crc32
         raise ValueError("the checksum's place cannot be found")
@@ -221,7 +221,7 @@ def _document(raw: bytes, fail: Any) -> dict[str, Any]:
         raise fail(f"{foreign}: not a safetensors file, or cut short")
     try:
         header = json.loads(raw[8 : 8 + size])
-        document = json.loads(header["__metadata__"]["cpp-rl"])
+        document: dict[str, Any] = json.loads(header["__metadata__"]["cpp-rl"])
         version = document["format"]
     except (ValueError, KeyError, TypeError) as error:
         raise fail(f"{foreign}: its safetensors header has no readable `cpp-rl` metadata") from error

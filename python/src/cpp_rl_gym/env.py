@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, cast
 
 import gymnasium
 import numpy as np
@@ -104,7 +104,7 @@ class CoverageEnv(gymnasium.Env[Observation, np.int64]):
             self.render()
         return result
 
-    def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:  # type: ignore[override]
+    def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Makes one step: observation, reward, terminated, truncated, info."""
         result = self._core.step(action)
         if self.render_mode == "human":
@@ -141,12 +141,12 @@ class CoverageEnv(gymnasium.Env[Observation, np.int64]):
         return {**self.__dict__, "_window": None}  # a window stays where it is
 
 
-def observation_space(source: _native.LevelSource, observation: str) -> spaces.Box:
+def observation_space(source: _native.LevelSource, observation: str) -> spaces.Space[Observation]:
     """The space of one observation of the levels of ``source``."""
     _checks.one_of("observation", observation, ["flat", "grid"])
     height, width = source.shape
     shape = (4, height, width) if observation == "grid" else (4 * height * width,)
-    return spaces.Box(0.0, 1.0, shape, np.float32)
+    return cast("spaces.Space[Observation]", spaces.Box(0.0, 1.0, shape, np.float32))
 
 
 def stream_seed(generator: np.random.Generator) -> int:

@@ -106,6 +106,6 @@ def as_source(level: LevelRule) -> _native.LevelSource:
     """The rule that is meant; raises ValueError or TypeError if none is."""
     if isinstance(level, RandomLevels | Curriculum):
         return level._source()
-    if isinstance(level, Sequence) and not isinstance(level, str | bytes):
-        return _native.LevelSource.one_of([as_source(one) for one in level])
-    return _native.LevelSource.fixed(as_level(level))
+    if isinstance(level, str | bytes) or not isinstance(level, Sequence):
+        return _native.LevelSource.fixed(as_level(level))  # type: ignore[arg-type] # it refuses bytes
+    return _native.LevelSource.one_of([as_source(one) for one in level])

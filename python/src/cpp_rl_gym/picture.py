@@ -7,6 +7,7 @@ edge, so that edges are smooth; masks of one size are made once.
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,8 @@ import numpy.typing as npt
 from cpp_rl_gym._extension import _native
 
 Image = npt.NDArray[np.uint8]
-Mask = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.floating]
+Distances = npt.NDArray[np.floating]
 Colour = tuple[int, int, int]
 Cell = tuple[int, int]
 
@@ -79,8 +81,7 @@ def _draw_trail(image: Image, path: list[Cell], size: int) -> None:
 
 def _segments(path: list[Cell]) -> list[tuple[Cell, Cell]]:
     """The moves of ``path``, upper or left cell first; steps against a wall are none."""
-    moves = zip(path[:-1], path[1:], strict=True)
-    return [(min(move), max(move)) for move in moves if move[0] != move[1]]
+    return [(min(move), max(move)) for move in pairwise(path) if move[0] != move[1]]
 
 
 def _draw_target(image: Image, cell: Cell, size: int, *, reached: bool) -> None:
@@ -150,11 +151,11 @@ def _segment(size: int) -> Mask:
     return _coverage(np.hypot(beyond, down) - 0.07 * size)
 
 
-def _axes(width: int, height: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _axes(width: int, height: int) -> tuple[Distances, Distances]:
     """How far the pixels' centres are right of the middle, ``[1, width]``, and below it, ``[height, 1]``."""
     return np.arange(width)[None, :] + (1 - width) / 2, np.arange(height)[:, None] + (1 - height) / 2
 
 
-def _coverage(distance: npt.NDArray[np.float64]) -> Mask:
+def _coverage(distance: Distances) -> Mask:
     """The share of a pixel inside an edge that is ``distance`` pixels away, negative inside."""
-    return np.clip(0.5 - distance, 0, 1)
+    return np.asarray(np.clip(0.5 - distance, 0, 1))

@@ -37,4 +37,3 @@ def plan(
     limit = natural("max_steps", max_steps, low=1)
     actions, return_, _, _ = as_level(level).plan(planner, row, column, limit)
     return Plan(actions, return_)
-

@@ -19,7 +19,7 @@ import sys
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -33,6 +33,9 @@ from cpp_rl_gym.checkpoint import (
     write,
     write_aside,
 )
+
+Algorithm = Literal["ppo", "dqn"]
+Activation = Literal["tanh", "relu"]
 
 # The study's hyper-parameters; they are not part of a checkpoint, so an exported model carries these.
 PPO_ARGUMENTS = {
@@ -61,7 +64,7 @@ DQN_ARGUMENTS = {
     "exploration_final_eps": 0.05,
     "max_grad_norm": 10,
 }
-DEFAULT_ACTIVATION = {"ppo": "tanh", "dqn": "relu"}
+DEFAULT_ACTIVATION: dict[Algorithm, Activation] = {"ppo": "tanh", "dqn": "relu"}
 
 Names = list[tuple[str, str]]  # (ours, Stable-Baselines3's) for every trained tensor, in its optimiser's order
 
@@ -148,7 +151,8 @@ def _open_zip(path: str | Path, fail: Any) -> tuple[dict[str, Any], dict[str, An
     torch = _require("torch")
 
     def load(name: str) -> dict[str, Any]:
-        return torch.load(io.BytesIO(archive.read(name)), map_location="cpu", weights_only=True)
+        state: dict[str, Any] = torch.load(io.BytesIO(archive.read(name)), map_location="cpu", weights_only=True)
+        return state
 
     try:
         with zipfile.ZipFile(path) as archive:
@@ -170,7 +174,7 @@ def _open_zip(path: str | Path, fail: Any) -> tuple[dict[str, Any], dict[str, An
     return data, params, moments, version
 
 
-def _recognise(data: dict[str, Any], params: dict[str, Any], fail: Any) -> tuple[str, dict[str, int]]:
+def _recognise(data: dict[str, Any], params: dict[str, Any], fail: Any) -> tuple[Algorithm, dict[str, int]]:
     """The algorithm, and how many layers each tower has."""
 
     def count(prefix: str) -> int:
@@ -187,12 +191,12 @@ def _recognise(data: dict[str, Any], params: dict[str, Any], fail: Any) -> tuple
     raise fail("neither a PPO nor a DQN model; other algorithms cannot be imported")
 
 
-def _activation(data: dict[str, Any], algorithm: str, fail: Any) -> str:
+def _activation(data: dict[str, Any], algorithm: Algorithm, fail: Any) -> Activation:
     """The activation that ``policy_kwargs`` names (a class is stored as its printed form), or the default."""
     named = (data.get("policy_kwargs") or {}).get("activation_fn")
     if named is None:
         return DEFAULT_ACTIVATION[algorithm]
-    known = {"Tanh": "tanh", "ReLU": "relu"}
+    known: dict[str, Activation] = {"Tanh": "tanh", "ReLU": "relu"}
     last = str(named).removesuffix("'>").rpartition(".")[2]
     if last not in known:
         raise fail(f"its activation is {last}; only Tanh and ReLU can be imported")
@@ -212,7 +216,7 @@ def _grid(space: Any, inputs: int, height: int | None, width: int | None, fail: 
     elif height is None and width is None:
         height = width = math.isqrt(inputs // CHANNELS)
     else:
-        height = height or inputs // (CHANNELS * width)
+        height = height or inputs // (CHANNELS * width)  # type: ignore[operator] # one of them is given
         width = width or inputs // (CHANNELS * height)
     if CHANNELS * height * width != inputs:
         what = f"its networks take {inputs} inputs, which is not 4 x height x width"
@@ -266,7 +270,7 @@ def export_model(checkpoint: Checkpoint, *, l2: bool = False) -> Any:
     if l2:
         policy_kwargs |= {"optimizer_class": torch.optim.AdamW, "optimizer_kwargs": {"weight_decay": 1e-4, "eps": 1e-8}}
 
-    class Spaces(gymnasium.Env):
+    class Spaces(gymnasium.Env):  # type: ignore[misc, name-defined]
         """What a model needs of an environment before it is given a real one."""
 
         observation_space = gymnasium.spaces.Box(0.0, 1.0, (CHANNELS, c.height, c.width), np.float32)

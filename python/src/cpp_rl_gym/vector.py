@@ -99,7 +99,7 @@ class CoverageVectorEnv(VectorEnv[Observation, Actions, npt.NDArray[Any]]):
         """From its next episode on, each copy plays its entry of ``levels``."""
         self._core.set_sources(self._sources(None, levels))
 
-    def reset(  # type: ignore[override]
+    def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begins an episode in each copy, or in those that ``options["reset_mask"]`` names."""
@@ -111,14 +111,18 @@ class CoverageVectorEnv(VectorEnv[Observation, Actions, npt.NDArray[Any]]):
         starts = self._starts(options.get("start"))
         seeds = self._check_seeds(seed)
         chosen = range(self.num_envs) if mask is None else np.flatnonzero(mask).tolist()
-        stream_seeds: list[int | None] = [None] * self.num_envs
-        for index in chosen:
-            if seeds[index] is not None or self._generators[index] is None:
-                self._generators[index], self._seeds[index] = generator, _ = seeding.np_random(seeds[index])
-                stream_seeds[index] = stream_seed(generator)
-        return self._core.reset(stream_seeds, starts, None if mask is None else mask.tolist())
+        fresh = {
+            index: seeding.np_random(seeds[index])
+            for index in chosen
+            if seeds[index] is not None or self._generators[index] is None
+        }
+        streams = [stream_seed(fresh[index][0]) if index in fresh else None for index in range(self.num_envs)]
+        result = self._core.reset(streams, starts, None if mask is None else mask.tolist())
+        for index, (generator, used) in fresh.items():
+            self._generators[index], self._seeds[index] = generator, used
+        return result
 
-    def step(  # type: ignore[override]
+    def step(
         self, actions: npt.ArrayLike
     ) -> tuple[Observation, npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any], dict[str, Any]]:
         """Makes one step in each copy: observations, rewards, terminations, truncations, infos."""
@@ -139,7 +143,7 @@ class CoverageVectorEnv(VectorEnv[Observation, Actions, npt.NDArray[Any]]):
         return tuple(picture(level, path) for level, path in zip(self._core.levels, self._core.paths, strict=True))
 
     @property
-    def np_random(self) -> tuple[np.random.Generator | None, ...]:  # type: ignore[override]
+    def np_random(self) -> tuple[np.random.Generator | None, ...]:  # type: ignore[misc, override]
         """The generator that each copy's random numbers were seeded from; None before the first reset."""
         return tuple(self._generators)
 
@@ -187,7 +191,7 @@ class CoverageVectorEnv(VectorEnv[Observation, Actions, npt.NDArray[Any]]):
         if np.ndim(start) < 2:
             return [_checks.position(name, start)] * self.num_envs
         if len(start) != self.num_envs:
-            raise ValueError(f"{name} has {len(start)} starts for {self.num_envs} copies; pass one for each, or one pair")
+            raise ValueError(f"{name} has {len(start)} starts for {self.num_envs} copies; pass a pair for each, or one")
         return [_checks.position(name, one) for one in start]
 
     def _check_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
