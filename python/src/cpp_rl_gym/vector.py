@@ -142,8 +142,8 @@ class CoverageVectorEnv(VectorEnv[Observation, Actions, npt.NDArray[Any]]):
             return tuple(self._core.texts())
         return tuple(picture(level, path) for level, path in zip(self._core.levels, self._core.paths, strict=True))
 
-    @property
-    def np_random(self) -> tuple[np.random.Generator | None, ...]:  # type: ignore[misc, override]
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator | None, ...]:  # type: ignore[override]
         """The generator that each copy's random numbers were seeded from; None before the first reset."""
         return tuple(self._generators)
 
