@@ -50,3 +50,27 @@ def test_what_needs_the_extension_says_how_to_get_it(code: str) -> None:
 def test_the_package_can_be_imported_without_gymnasium() -> None:
     program = "import importlib.util as u; u.find_spec = lambda name: None\nimport cpp_rl_gym.sb3; print('imported')"
     assert without("gymnasium", program) == "imported\n"
+
+
+DAMAGE = {
+    "a foreign level": (0, lambda level: cpp_rl_gym.as_level("..T")),
+    "an agent off the map": (1, lambda agent: 64),
+    "an agent in a wall": (1, lambda agent: 3 * 8 + 4),
+    "a visited wall": (2, lambda visited: [visited[0] | 1 << (3 * 8 + 4)]),
+    "too many visited cells": (2, lambda visited: [2**64 - 1, 1]),
+    "a wrong count": (3, lambda remaining: remaining + 1),
+    "too many steps": (4, lambda steps: 201),
+    "half a generator": (7, lambda generator: generator[:20]),
+    "a path off the map": (8, lambda path: [64]),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_what_was_pickled_is_not_trusted(damage: str) -> None:
+    env = cpp_rl_gym.CoverageEnv(0)
+    env.reset(seed=0)
+    restore, (source, max_steps, grid, saved) = env._core.__reduce__()
+    part, change = DAMAGE[damage]
+    saved = (*saved[:part], change(saved[part]), *saved[part + 1 :])
+    with pytest.raises(ValueError, match=r"state|saved"):
+        restore(source, max_steps, grid, saved)
