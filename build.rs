@@ -4,7 +4,10 @@ use std::{env, fs, path::PathBuf, process::Command};
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
-    // Manifests record the commit: a new entry in the log of HEAD is a new one.
+    // Manifests record the commit, and whether the sources differ from it.
+    for path in ["src", "crates", "configs", "levels", "Cargo.toml", "Cargo.lock"] {
+        println!("cargo::rerun-if-changed={path}");
+    }
     if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"]) {
         println!("cargo::rerun-if-changed={log}");
     }

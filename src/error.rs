@@ -16,9 +16,13 @@ impl UserError {
 pub fn exit_code(error: &anyhow::Error) -> u8 {
     use crate::config::ConfigError;
     use crate::run::checkpoint::CheckpointError;
-    use coverage_env::LevelError;
+    use coverage_env::{LevelError, PlanError};
     let of_user = |e: &(dyn std::error::Error + 'static)| {
-        e.is::<UserError>() || e.is::<ConfigError>() || e.is::<LevelError>() || e.is::<CheckpointError>()
+        e.is::<UserError>()
+            || e.is::<ConfigError>()
+            || e.is::<LevelError>()
+            || e.is::<PlanError>()
+            || e.is::<CheckpointError>()
     };
     if error.chain().any(of_user) { 2 } else { 1 }
 }

@@ -92,14 +92,6 @@ impl Starts {
             }
         }
     }
-
-    /// The seed for whatever else is drawn in this evaluation.
-    pub fn seed(self) -> u64 {
-        match self {
-            Self::Exhaustive => 0,
-            Self::Drawn { seed, .. } => seed,
-        }
-    }
 }
 
 impl LevelResult {

@@ -53,20 +53,18 @@ impl FusedAgent {
     ///
     /// A norm that is not finite changes nothing.
     pub fn descend(&mut self) -> f32 {
-        self.adam.step += 1;
-        let moments =
-            Moments { exp_avg: &mut self.adam.exp_avg, exp_avg_sq: &mut self.adam.exp_avg_sq, step: self.adam.step };
-        let decayed = self.covered.as_deref().map_or(Decayed::All, Decayed::Only);
-        clip_and_adam(&mut self.parameters, &self.gradient, moments, self.max_grad_norm, decayed, &self.adam_config)
+        let AdamState { exp_avg, exp_avg_sq, step } = &mut self.adam;
+        let moments = Moments { exp_avg, exp_avg_sq, step: *step + 1 };
+        let decayed = decayed(&self.covered);
+        let (parameters, gradient) = (&mut self.parameters, &self.gradient);
+        let norm = clip_and_adam(parameters, gradient, moments, self.max_grad_norm, decayed, &self.adam_config);
+        *step += u64::from(norm.is_finite());
+        norm
     }
 
     /// Norms of the last gradient, the loss's and the L2 penalty's.
     pub fn norms(&self) -> GradientNorms {
-        gradient_norms(&self.parameters, &self.gradient, self.lambda, self.decayed())
-    }
-
-    fn decayed(&self) -> Decayed<'_> {
-        self.covered.as_deref().map_or(Decayed::All, Decayed::Only)
+        gradient_norms(&self.parameters, &self.gradient, self.lambda, decayed(&self.covered))
     }
 
     /// Writes weights and optimiser state into `agent`.
@@ -74,4 +72,9 @@ impl FusedAgent {
         agent.parameters.clone_from(&self.parameters);
         agent.adam.clone_from(&self.adam);
     }
+}
+
+/// The covered parameters as the kernel takes them.
+fn decayed(covered: &Option<Vec<Range<usize>>>) -> Decayed<'_> {
+    covered.as_deref().map_or(Decayed::All, Decayed::Only)
 }

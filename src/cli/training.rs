@@ -64,9 +64,7 @@ impl TrainingArgs {
     /// # Errors
     /// The first setting that cannot be taken.
     pub fn config(&self) -> Result<Config> {
-        let mut sets = self.set.clone();
-        sets.extend(self.timesteps.map(|timesteps| format!("timesteps={timesteps}")));
-        Ok(config::resolve(self.algo.as_deref(), self.config.as_deref(), &sets)?)
+        Ok(config::resolve(self.algo.as_deref(), self.config.as_deref(), &self.set, self.timesteps)?)
     }
 
     /// The experiment that these arguments describe.

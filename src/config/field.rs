@@ -65,29 +65,40 @@ fn whole(value: &Value) -> Option<u64> {
 
 struct Float<'a> {
     place: &'a mut f64,
-    allows: fn(f64) -> bool,
-    allowed: &'static str,
+    allows: Box<dyn Fn(f64) -> bool>,
+    allowed: String,
+}
+
+impl<'a> Float<'a> {
+    fn new(place: &'a mut f64, allowed: impl Into<String>, allows: impl Fn(f64) -> bool + 'static) -> Self {
+        Self { place, allows: Box::new(allows), allowed: allowed.into() }
+    }
 }
 
 /// A finite number above 0.
 pub(super) fn positive(place: &mut f64) -> impl Field + '_ {
-    Float { place, allows: |v| v > 0.0, allowed: "a number above 0" }
+    Float::new(place, "a number above 0", |v| v > 0.0)
 }
 
 /// A finite number, 0 or above.
 pub(super) fn non_negative(place: &mut f64) -> impl Field + '_ {
-    Float { place, allows: |v| v >= 0.0, allowed: "a number, 0 or above" }
+    Float::new(place, "a number, 0 or above", |v| v >= 0.0)
 }
 
 /// A number from 0 to 1.
 pub(super) fn fraction(place: &mut f64) -> impl Field + '_ {
-    Float { place, allows: |v| (0.0..=1.0).contains(&v), allowed: "a number from 0 to 1" }
+    Float::new(place, "a number from 0 to 1", |v| (0.0..=1.0).contains(&v))
+}
+
+/// A finite number of `least` or more.
+pub(super) fn at_least(place: &mut f64, least: f64) -> impl Field + '_ {
+    Float::new(place, format!("a number of {least:e} or more"), move |v| v >= least)
 }
 
 impl Field for Float<'_> {
     fn set(&mut self, value: &Value) -> Result<(), String> {
         let taken = value.as_f64().filter(|&v| v.is_finite() && (self.allows)(v));
-        *self.place = taken.ok_or(self.allowed)?;
+        *self.place = taken.ok_or_else(|| self.allowed.clone())?;
         Ok(())
     }
 

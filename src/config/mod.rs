@@ -11,7 +11,7 @@ use bit_mlp::Activation;
 use serde_json::{Map, Value};
 
 pub use field::{Choice, Field};
-use field::{choice, flag, fraction, integer, list, non_negative, positive};
+use field::{at_least, choice, flag, fraction, integer, list, non_negative, positive};
 pub use presets::{PRESETS, preset_names};
 pub use settings::{ConfigError, resolve};
 
@@ -227,7 +227,7 @@ impl Config {
         v.field("activation", "activation of the hidden layers", &mut choice(&mut self.activation));
         let optimizer = &mut self.optimizer;
         v.field("learning_rate", "step size of Adam", &mut positive(&mut optimizer.learning_rate));
-        v.field("adam_eps", "epsilon of Adam's denominator", &mut positive(&mut optimizer.adam_eps));
+        v.field("adam_eps", "epsilon of Adam's denominator", &mut at_least(&mut optimizer.adam_eps, 1e-12));
         v.field("max_grad_norm", "largest norm of a seed's gradient", &mut positive(&mut optimizer.max_grad_norm));
         v.field("l2", "how the L2 penalty acts", &mut choice(&mut optimizer.l2));
         v.field("l2_coef", "its coefficient", &mut non_negative(&mut optimizer.l2_coef));
@@ -259,7 +259,7 @@ impl Config {
         struct Lines(String);
         impl Visitor for Lines {
             fn field(&mut self, key: &'static str, doc: &'static str, field: &mut dyn Field) {
-                self.0.push_str(&format!("{:<40}# {doc}\n", format!("{key}: {}", field.get())));
+                self.0.push_str(&format!("{:<39} # {doc}\n", format!("{key}: {}", field.get())));
             }
         }
         let name = Value::from(self.name.clone());

@@ -12,6 +12,8 @@ use super::{Algorithm, Config, DqnConfig, Field, L2, PpoConfig, Visitor};
 
 /// A config file larger than this is not one.
 const MAX_FILE_BYTES: u64 = 1 << 20;
+/// Samples of a rollout; each takes some tens of bytes.
+const MAX_ROLLOUT: usize = 1 << 22;
 
 /// A setting that cannot be taken: where it stands, what is wrong, and how to mend it.
 #[derive(Debug, thiserror::Error)]
@@ -27,6 +29,7 @@ enum Origin {
     Preset(String),
     File { path: PathBuf, at: Option<(u64, u64)> },
     Set(String),
+    Timesteps,
     Algo,
 }
 
@@ -37,6 +40,7 @@ impl fmt::Display for Origin {
             Self::File { path, at: Some((line, column)) } => write!(f, "{}:{line}:{column}", path.display()),
             Self::File { path, at: None } => write!(f, "{}", path.display()),
             Self::Set(text) => write!(f, "--set {text}"),
+            Self::Timesteps => write!(f, "--timesteps"),
             Self::Algo => write!(f, "--algo"),
         }
     }
@@ -57,7 +61,12 @@ type Layer = BTreeMap<String, (Value, Origin)>;
 ///
 /// # Errors
 /// The first setting that cannot be taken.
-pub fn resolve(algo: Option<&str>, file: Option<&Path>, sets: &[String]) -> Result<Config, ConfigError> {
+pub fn resolve(
+    algo: Option<&str>,
+    file: Option<&Path>,
+    sets: &[String],
+    timesteps: Option<u64>,
+) -> Result<Config, ConfigError> {
     let mut top = Layer::new();
     if let Some(path) = file {
         top = read_file(path)?;
@@ -65,6 +74,12 @@ pub fn resolve(algo: Option<&str>, file: Option<&Path>, sets: &[String]) -> Resu
     for text in sets {
         let (key, setting) = parse_set(text)?;
         top.insert(key, setting);
+    }
+    if let Some(timesteps) = timesteps {
+        top.insert("timesteps".to_owned(), (timesteps.into(), Origin::Timesteps));
+    }
+    if let Some(algo) = algo {
+        refuse_contradiction(algo, &top)?;
     }
     let mut layers = match (algo, top.remove("extends")) {
         (Some(algo), Some((extends, origin))) if extends.as_str() != Some(algo) => {
@@ -78,6 +93,25 @@ pub fn resolve(algo: Option<&str>, file: Option<&Path>, sets: &[String]) -> Resu
     };
     layers.extend(top);
     build(layers)
+}
+
+/// Refuses a file that says it is another algorithm or preset than `--algo` does.
+fn refuse_contradiction(algo: &str, top: &Layer) -> Result<(), ConfigError> {
+    let base = preset_layers(algo, &Origin::Algo)?;
+    let says = |layer: &Layer, key: &str| layer.get(key).and_then(|(value, _)| value.as_str()).map(str::to_owned);
+    for key in ["algorithm", "name"] {
+        let Some((value, origin)) = top.get(key) else { continue };
+        let file = says(top, key);
+        let contradicts = match key {
+            "algorithm" => file != says(&base, key),
+            // A name of one's own is welcome; that of another preset is a file for another arm.
+            _ => file.as_deref().is_some_and(|name| name != algo && preset(name).is_some()),
+        };
+        if contradicts {
+            return Err(origin.error(format!("{key} is {value}, but --algo says \"{algo}\": drop one of the two")));
+        }
+    }
+    Ok(())
 }
 
 /// Turns merged settings into a config; nothing may be left over.
@@ -110,12 +144,22 @@ fn build(mut settings: Layer) -> Result<Config, ConfigError> {
             l2_origin.error("l2_coef has no effect while l2 is none: choose l2=adamw, adam or loss, or drop it")
         );
     }
-    if let Algorithm::Dqn(dqn) = &config.algorithm
-        && dqn.buffer_size < config.num_envs
-    {
-        return Err(Origin::Algo.error("buffer_size must hold at least one transition per environment (num_envs)"));
-    }
+    check_products(&config).map_err(|problem| Origin::Algo.error(problem))?;
     Ok(config)
+}
+
+/// Settings that are possible one by one, but not together.
+fn check_products(config: &Config) -> Result<(), String> {
+    match &config.algorithm {
+        Algorithm::Dqn(dqn) if dqn.buffer_size < config.num_envs => {
+            Err("buffer_size must hold at least one transition per environment (num_envs)".to_owned())
+        }
+        Algorithm::Ppo(ppo) if ppo.n_steps * config.num_envs > MAX_ROLLOUT => Err(format!(
+            "n_steps × num_envs makes {} samples in a rollout; at most {MAX_ROLLOUT} are possible",
+            ppo.n_steps * config.num_envs
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// Reads the declared settings out of a layer.

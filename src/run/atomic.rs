@@ -11,7 +11,8 @@ use std::path::Path;
 /// # Errors
 /// Those of the file system; the old content then still stands.
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let directory = path.parent().unwrap_or(Path::new("."));
+    // The parent of a bare file name is the empty path.
+    let directory = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(".partial");
     let aside = directory.join(name);

@@ -7,9 +7,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::atomic;
+use crate::error::UserError;
 
-/// The version of the manifest's fields.
-const FORMAT: u32 = 1;
+/// The version of the manifest's fields, which a reader must know.
+pub const FORMAT: u32 = 1;
 
 /// What is known of one run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -123,8 +124,11 @@ impl Host {
 }
 
 impl Manifest {
-    /// The version of the fields that this program writes.
-    pub const FORMAT: u32 = FORMAT;
+    /// The step limit of its episodes.
+    pub fn max_steps(&self) -> u32 {
+        let limit = self.config.get("max_steps").and_then(Value::as_u64).and_then(|v| u32::try_from(v).ok());
+        limit.unwrap_or(coverage_env::MAX_STEPS)
+    }
 
     /// Reads `manifest.json` of a run's directory.
     ///
@@ -133,7 +137,17 @@ impl Manifest {
     pub fn read(directory: &Path) -> Result<Self> {
         let path = directory.join("manifest.json");
         let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-        serde_json::from_str(&text).with_context(|| format!("{} is not a manifest of cpp-rl", path.display()))
+        let value: Value = serde_json::from_str(&text)
+            .map_err(|e| UserError::new(format!("{} is not a manifest of cpp-rl: {e}", path.display())))?;
+        match value.get("format").and_then(Value::as_u64) {
+            Some(format) if format != u64::from(FORMAT) => Err(UserError::new(format!(
+                "{}: manifest format {format}; this version of cpp-rl reads format {FORMAT}",
+                path.display()
+            ))
+            .into()),
+            _ => serde_json::from_value(value)
+                .map_err(|e| UserError::new(format!("{} is not a manifest of cpp-rl: {e}", path.display())).into()),
+        }
     }
 
     /// Writes it into a run's directory.

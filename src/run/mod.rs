@@ -62,25 +62,28 @@ impl RunDir {
     /// # Errors
     /// A run that is there already, is held by another process, or had other settings; and those of the file system.
     pub fn open(path: &Path, fresh: Manifest, resume: bool) -> Result<Opened> {
+        fs::create_dir_all(path.join("checkpoints"))
+            .with_context(|| format!("cannot create the run's directory {}", path.display()))?;
+        let lock = lock(path)?;
         if !resume {
             Self::refuse_existing(path)?;
         }
         let exists = path.join("manifest.json").exists();
-        fs::create_dir_all(path.join("checkpoints"))
-            .with_context(|| format!("cannot create the run's directory {}", path.display()))?;
-        let lock = lock(path)?;
         let mut manifest = if exists { Manifest::read(path)? } else { fresh.clone() };
         refuse_changes(path, &manifest, &fresh)?;
         let done = manifest.stages_done;
 
         let agent = match done.checked_sub(1) {
             None => None,
-            Some(last) => Some(Checkpoint::read(&stage_checkpoint(path, last))?.agent),
+            Some(last) => Some(last_agent(path, last, &manifest)?),
         };
         let mut evaluations = if exists { evaluations::read(path)? } else { Vec::new() };
         evaluations.retain(|row| row.stage < done);
         let finished = usize::from(done) == manifest.stages.len();
-        if !finished {
+        if finished && manifest.status != Status::Finished {
+            manifest.status = Status::Finished;
+            manifest.write(path)?;
+        } else if !finished {
             manifest.status = Status::Running;
             manifest.command.clone_from(&fresh.command);
             manifest.versions = fresh.versions;
@@ -209,6 +212,18 @@ impl RunDir {
     }
 }
 
+/// The agent after stage `last`, if its checkpoint is this run's.
+fn last_agent(path: &Path, last: u16, manifest: &Manifest) -> Result<AgentState> {
+    let file = stage_checkpoint(path, last);
+    let Checkpoint { agent, origin, has_adam, .. } = Checkpoint::read(&file)?;
+    let level = manifest.stages.get(usize::from(last)).map(|stage| stage.level.clone());
+    if !has_adam || (origin.seed, origin.stage, origin.level) != (Some(manifest.seed), Some(last), level) {
+        let message = "is not the checkpoint that this run wrote: put it back, or start a new run with --out";
+        return Err(UserError::new(format!("{} {message}", file.display())).into());
+    }
+    Ok(agent)
+}
+
 /// Keeps other processes out; the operating system lets go of the lock when this one ends, however it ends.
 fn lock(path: &Path) -> Result<File> {
     let file = path.join(".lock");
@@ -232,8 +247,10 @@ fn refuse_changes(path: &Path, old: &Manifest, new: &Manifest) -> Result<()> {
         let (old, new) = (list(old).join(", "), list(new).join(", "));
         changes.push(format!("stages: {old} → {new}{}", if old == new { " (a map has changed)" } else { "" }));
     }
-    if old.kernel != new.kernel {
-        changes.push(format!("kernel: {} → {}", old.kernel, new.kernel));
+    for (key, old, new) in [("kernel", &old.kernel, &new.kernel), ("device", &old.device, &new.device)] {
+        if old != new {
+            changes.push(format!("{key}: {old} → {new}"));
+        }
     }
     if changes.is_empty() {
         return Ok(());

@@ -33,7 +33,7 @@ impl Dose {
         let o = &config.optimizer;
         let earlier = |key: &str| {
             let list = recorded.get(key).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
-            list.iter().filter_map(Value::as_f64).collect()
+            list.iter().map(|v| v.as_f64().unwrap_or(f64::NAN)).collect()
         };
         Self {
             l2: o.l2,
@@ -79,9 +79,8 @@ impl Dose {
     /// Closes a stage with the norm of the weights as they are now.
     pub fn end_stage(&mut self, parameters: &[f32]) {
         self.weight_norms.push(parameters.iter().map(|&p| f64::from(p).powi(2)).sum::<f64>().sqrt());
-        if self.ratio_count > 0 {
-            self.ratios.push(self.ratio_sum / f64::from(self.ratio_count));
-        }
+        // A stage without an update has no ratio: NaN, which JSON shows as null.
+        self.ratios.push(self.ratio_sum / f64::from(self.ratio_count));
         (self.ratio_sum, self.ratio_count) = (0.0, 0);
     }
 
@@ -95,7 +94,7 @@ impl Dose {
             "planned_shrink": decoupled(self.planned_shrink),
             "shrink": decoupled(self.shrink),
             "weight_norm": self.weight_norms,
-            "l2_ratio": self.ratios,
+            "l2_ratio": if self.l2 == L2::None { &[] } else { &self.ratios[..] },
         })
     }
 }
@@ -123,7 +122,7 @@ mod tests {
 
     #[test]
     fn the_published_penalty_does_nothing() {
-        let config = crate::config::resolve(Some("ppo-l2"), None, &[]).unwrap();
+        let config = crate::config::resolve(Some("ppo-l2"), None, &[], None).unwrap();
         let levels = coverage_env::BUILTIN_IDS.iter().filter_map(|id| Level::builtin(id)).collect();
         let dose = Dose::new(&config, &Curriculum::sequence(levels, 500_000).unwrap(), &Value::Null);
         // Five levels of 245 rollouts of 2,048 timesteps, each ten epochs of 32 minibatches.
@@ -136,7 +135,7 @@ mod tests {
 
     #[test]
     fn dqn_makes_a_step_every_fourth_timestep_after_its_start() {
-        let config = crate::config::resolve(Some("dqn"), None, &[]).unwrap();
+        let config = crate::config::resolve(Some("dqn"), None, &[], None).unwrap();
         assert_eq!(optimizer_steps(&config, 1_000_000), 250_000 - 25);
     }
 }

@@ -21,7 +21,7 @@ use crate::config::Config;
 use crate::curriculum::Curriculum;
 use crate::evaluate::{self, Choose, LevelResult, Starts};
 use crate::run::evaluations::{Phase, Row};
-use crate::run::manifest::{Host, Manifest, StageEntry, Status, Versions, now};
+use crate::run::manifest::{self, Host, Manifest, StageEntry, Status, Versions, now};
 use crate::run::{Opened, RunDir};
 
 pub use dose::{Dose, WEAK};
@@ -188,7 +188,7 @@ impl Experiment {
             timesteps: stage.timesteps,
         };
         Manifest {
-            format: Manifest::FORMAT,
+            format: manifest::FORMAT,
             status: Status::Running,
             arm: self.config.name.clone(),
             curriculum: self.curriculum.name.clone(),
@@ -197,7 +197,7 @@ impl Experiment {
             stages_done: 0,
             levels: self.curriculum.levels.iter().map(|level| level.name().to_owned()).collect(),
             config: self.config.to_json(),
-            dose: Value::Null,
+            dose: Dose::new(&self.config, &self.curriculum, &Value::Null).to_json(),
             kernel: self.backend.name().to_owned(),
             device: match self.backend {
                 Backend::Autograd(Device::Cuda(index)) => format!("cuda:{index}"),

@@ -19,7 +19,7 @@ fn stage(index: u16, timesteps: u64) -> Stage {
 fn config(sets: &[&str]) -> Config {
     let small = ["hidden=[3]", "batch_size=2", "max_steps=10"];
     let sets: Vec<String> = small.iter().chain(sets).map(|&set| set.to_owned()).collect();
-    config::resolve(Some("dqn"), None, &sets).expect("valid settings")
+    config::resolve(Some("dqn"), None, &sets, None).expect("valid settings")
 }
 
 /// Trains one seed through `stage`, from `agent` or afresh.

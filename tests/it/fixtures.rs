@@ -182,5 +182,5 @@ fn settings(json: &Value) -> Config {
     }
     let arguments = json["arguments"].as_object().expect("arguments");
     sets.extend(arguments.iter().map(|(key, value)| format!("{key}={value}")));
-    config::resolve(Some(algorithm), None, &sets).expect("our settings have Stable-Baselines3's names")
+    config::resolve(Some(algorithm), None, &sets, None).expect("our settings have Stable-Baselines3's names")
 }
