@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use anyhow::{Result, bail};
 use coverage_env::Level;
 
 use crate::agent::Stage;
+use crate::error::UserError;
 
 /// What a run trains on and what it is evaluated on, before the first stage and after each.
 #[derive(Clone, Debug)]
@@ -33,14 +33,14 @@ impl Curriculum {
     ///
     /// # Errors
     /// Levels of differing sizes or equal names, or none at all.
-    pub fn sequence(levels: Vec<Level>, timesteps: u64) -> Result<Self> {
+    pub fn sequence(levels: Vec<Level>, timesteps: u64) -> Result<Self, UserError> {
         let levels: Vec<Arc<Level>> = levels.into_iter().map(Arc::new).collect();
         let Some(first) = levels.first() else {
-            bail!("a curriculum needs at least one level: name some with --levels")
+            return Err(UserError::new("a curriculum needs at least one level: name some with --levels"));
         };
         for (i, level) in levels.iter().enumerate() {
             if (level.height(), level.width()) != (first.height(), first.width()) {
-                bail!(
+                return Err(UserError::new(format!(
                     "levels of one curriculum share their size, but level {} is {}×{} and level {} is {}×{}: choose \
                      others with --levels",
                     first.name(),
@@ -49,14 +49,17 @@ impl Curriculum {
                     level.name(),
                     level.height(),
                     level.width()
-                );
+                )));
             }
             if levels[..i].iter().any(|other| other.name() == level.name()) {
-                bail!("level {} stands twice in the curriculum: give each level once in --levels", level.name());
+                return Err(UserError::new(format!(
+                    "level {} stands twice in the curriculum: give each level once in --levels",
+                    level.name()
+                )));
             }
         }
         if levels.len() > usize::from(u16::MAX) {
-            bail!("{} levels are too many for one curriculum", levels.len());
+            return Err(UserError::new(format!("{} levels are too many for one curriculum", levels.len())));
         }
         let stage =
             |(index, level): (usize, &Arc<Level>)| Stage { index: index as u16, level: level.clone(), timesteps };
