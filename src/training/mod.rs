@@ -238,13 +238,16 @@ struct Run {
     dir: RunDir,
     agent: AgentState,
     dose: Dose,
+    /// `train/n_updates` of the last row.
+    updates: f64,
     failure: Option<String>,
 }
 
 impl Run {
     fn new(experiment: &Experiment, dir: RunDir, agent: AgentState) -> Self {
         let dose = Dose::new(&experiment.config, &experiment.curriculum, dir.dose());
-        Self { dir, agent, dose, failure: None }
+        let updates = agent.counters.updates as f64;
+        Self { dir, agent, dose, updates, failure: None }
     }
 
     /// Does something with the run, unless it has failed; an error is its failure.
@@ -312,7 +315,8 @@ impl Cohort {
             for ((run, row), before) in self.runs.iter_mut().zip(&rows).zip(&before) {
                 let timesteps = before + learner.timesteps();
                 run.attempt(events, |run| {
-                    check_finite(row, timesteps)?;
+                    check_finite(row, run.updates, timesteps)?;
+                    run.updates = value(row, "train/n_updates");
                     run.dose.measure(row);
                     run.dir.log(stage, learner.timesteps(), timesteps, row)?;
                     let (seed, stage, mean_return) = (run.agent.seed, stage.index, value(row, "rollout/ep_rew_mean"));
@@ -337,12 +341,12 @@ fn evaluate_all(experiment: &Experiment, network: &Network, agent: &AgentState) 
     experiment.curriculum.levels.iter().map(of_level).collect()
 }
 
-/// Refuses a row in which the loss, the gradient or the weights are no numbers any more.
-fn check_finite(row: &Metrics, timesteps: u64) -> Result<()> {
+/// Refuses a row in which the loss, the gradient or the weights are no numbers any more; `updates` were made before it.
+fn check_finite(row: &Metrics, updates: f64, timesteps: u64) -> Result<()> {
     for name in ["train/loss", "train/grad_norm", "train/weight_norm"] {
         let value = value(row, name);
-        // DQN has neither loss nor gradient before its first update.
-        let absent = value.is_nan() && self::value(row, "train/n_updates") == 0.0;
+        // DQN has neither loss nor gradient where it makes no update, as at the beginning of a stage.
+        let absent = value.is_nan() && name != "train/weight_norm" && self::value(row, "train/n_updates") == updates;
         if !value.is_finite() && !absent {
             return Err(anyhow!(
                 "{name} became {value} by timestep {timesteps}: the last finished stage is kept; a smaller \
