@@ -100,7 +100,9 @@ impl EvalArgs {
             let checkpoint = Checkpoint::read(path)?;
             let levels = match (levels, &checkpoint.origin.level) {
                 (Some(levels), _) => levels.to_vec(),
-                (None, Some(level)) => vec![Level::resolve(level)?],
+                (None, Some(level)) => vec![Level::resolve(level).with_context(|| {
+                    format!("{} was trained on level {level}: say with --levels where it is", path.display())
+                })?],
                 (None, None) => {
                     let message = "does not say what level it was trained on: name levels with --levels";
                     return Err(UserError::new(format!("{} {message}", path.display())).into());
