@@ -1,4 +1,7 @@
-//! What went wrong, as far as the exit code cares.
+//! What went wrong, as far as the exit code cares, and how it is said.
+
+use std::fmt::Display;
+use std::io::{self, Write};
 
 /// The user's input is wrong: exit code 2.
 #[derive(Debug, thiserror::Error)]
@@ -10,6 +13,13 @@ impl UserError {
     pub fn new(message: impl Into<String>) -> Self {
         Self(message.into())
     }
+}
+
+/// Writes a line to stderr.
+///
+/// That it cannot be written (a log on a full disk, a terminal that is gone) is no reason to end a training.
+pub fn tell(line: impl Display) {
+    let _ = writeln!(io::stderr(), "{line}");
 }
 
 /// The process's exit code for an error.

@@ -5,14 +5,14 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Parser;
 use cpp_rl::cli::{Cli, Command};
-use cpp_rl::error::exit_code;
+use cpp_rl::error::{exit_code, tell};
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
     match run(&cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            tell(format_args!("error: {error:#}"));
             ExitCode::from(exit_code(&error))
         }
     }

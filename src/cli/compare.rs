@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::Args;
 
+use crate::error::tell;
 use crate::report::Format;
 use crate::report::compare::Comparison;
 use crate::run::write_file;
@@ -47,7 +48,7 @@ impl CompareArgs {
                 write_file(&path, text(format).as_bytes())
                     .with_context(|| format!("cannot write {}", path.display()))?;
             }
-            eprintln!("written to {}", out.display());
+            tell(format_args!("written to {}", out.display()));
         }
         super::eval::write_stdout(&text(self.format))
     }

@@ -6,6 +6,7 @@ use clap::Args;
 use super::parse_levels;
 use super::training::{TrainingArgs, carry_out, conclude};
 use crate::curriculum::Curriculum;
+use crate::error::tell;
 use crate::report::study::{Planned, after_stage, matrix};
 use crate::report::{Format, Table};
 use crate::run::evaluations::{self, Row};
@@ -74,7 +75,7 @@ impl CurriculumArgs {
         let mut table = after_stage(&experiment.curriculum, stage, &runs, planned);
         table.title += " (the study's Tables 2-4)";
         if let Err(error) = self.print(&[table]) {
-            eprintln!("cannot print the study's table: {error}");
+            tell(format_args!("cannot print the study's table: {error}"));
         }
     }
 

@@ -7,7 +7,7 @@ use clap::{Args, Subcommand};
 use coverage_env::generator::LevelSpec;
 use coverage_env::{BUILTIN_IDS, Level};
 
-use crate::error::UserError;
+use crate::error::{UserError, tell};
 use crate::report::{Cell, Format, Table, map};
 use crate::run::write_file;
 
@@ -126,7 +126,7 @@ fn check(levels: &[String]) -> Result<()> {
             ))?,
             Err(error) => {
                 wrong += 1;
-                eprintln!("{error}");
+                tell(error);
             }
         }
     }

@@ -11,7 +11,7 @@ use super::Seeds;
 use crate::agent::Backend;
 use crate::config::{self, Config};
 use crate::curriculum::Curriculum;
-use crate::error::UserError;
+use crate::error::{UserError, tell};
 use crate::run::manifest::Manifest;
 use crate::training::progress::{Progress, Verbosity};
 use crate::training::{Dose, Event, Experiment, Outcome};
@@ -104,11 +104,11 @@ impl TrainingArgs {
 pub fn carry_out(experiment: &Experiment, verbosity: Verbosity, mut on_event: impl FnMut(&Event)) -> Result<Outcome> {
     let mut progress = Progress::new(experiment, verbosity);
     if verbosity == Verbosity::Verbose {
-        eprint!("{}", experiment.config.to_yaml());
+        tell(experiment.config.to_yaml().trim_end());
     }
     let dose = Dose::new(&experiment.config, &experiment.curriculum, &Value::Null);
     if let Some(line) = dose.line().filter(|_| verbosity != Verbosity::Quiet) {
-        eprintln!("{line}");
+        tell(line);
     }
     let outcome = experiment.run(|event| {
         progress.suspend(|| on_event(&event));
@@ -125,8 +125,9 @@ pub fn carry_out(experiment: &Experiment, verbosity: Verbosity, mut on_event: im
 pub fn conclude(experiment: &Experiment, verbosity: Verbosity, outcome: &Outcome) -> Result<()> {
     let place = experiment.out.join(&experiment.config.name).join(&experiment.curriculum.name);
     if verbosity != Verbosity::Quiet {
-        measured_dose(outcome)?.iter().for_each(|line| eprintln!("{line}"));
-        eprintln!("{} of {} seeds finished in {}", outcome.finished.len(), experiment.seeds.len(), place.display());
+        measured_dose(outcome)?.iter().for_each(tell);
+        let (finished, seeds) = (outcome.finished.len(), experiment.seeds.len());
+        tell(format_args!("{finished} of {seeds} seeds finished in {}", place.display()));
     }
     if outcome.failed.is_empty() {
         return Ok(());

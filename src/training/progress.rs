@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
 use super::{Event, Experiment};
+use crate::error::tell;
 
 /// Up to this many seeds have a bar each; more share one.
 const BARS: usize = 8;
@@ -125,7 +126,7 @@ impl Progress {
             View::Lines { last } if last.elapsed() < LINE_INTERVAL => {}
             View::Lines { last } => {
                 *last = Instant::now();
-                eprintln!("{summary}");
+                tell(summary);
             }
             View::Bars { all, total, seeds } => {
                 total.set_position(done.min(self.total));
@@ -173,7 +174,7 @@ impl Progress {
 
     /// A line that nobody may miss.
     fn important(&self, text: &str) {
-        self.suspend(|| eprintln!("{text}"));
+        self.suspend(|| tell(text));
     }
 }
 
