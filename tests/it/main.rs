@@ -5,6 +5,7 @@
 mod advantages;
 mod dqn_schedule;
 mod fixtures;
+mod kernels;
 mod numbers;
 mod replay;
 mod sb3_dqn;

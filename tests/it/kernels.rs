@@ -1,0 +1,322 @@
+//! The fused kernel computes what libtorch and autograd do; and seeds side by side do not mix.
+
+use std::sync::Arc;
+
+use bit_mlp::BitBatch;
+use coverage_env::generator::LevelSpec;
+use coverage_env::random::{below, unit_f32};
+use coverage_env::{Action, Level, Observation, VecEnv};
+use cpp_rl::agent::dqn::{AutogradDqn, DqnLoss, DqnUpdater, FusedDqn, Replay, Transitions};
+use cpp_rl::agent::network::Network;
+use cpp_rl::agent::ppo::{AutogradPpo, FusedPpo, PpoLoss, PpoUpdater, Rollout};
+use cpp_rl::agent::random::{Purpose, Stream};
+use cpp_rl::agent::state::AgentState;
+use cpp_rl::config::{self, Algorithm, Config, PpoConfig};
+use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
+use tch::Device;
+
+use crate::numbers::{assert_close, assert_within};
+
+/// Updates made one after another.
+const UPDATES: usize = 4;
+
+/// The same cases each time: an update is not continuous (at the clip range, at ReLU's zero), so that a case in very
+/// many differs for a good reason.
+fn few_cases() -> ProptestConfig {
+    ProptestConfig { cases: 40, rng_seed: RngSeed::Fixed(7), failure_persistence: None, ..ProptestConfig::default() }
+}
+
+/// What a random case is made of.
+#[derive(Clone, Debug)]
+struct Setting {
+    level: Arc<Level>,
+    config: Config,
+    seeds: u64,
+    /// Of everything else that is random.
+    seed: u64,
+}
+
+/// Levels that are seldom square, networks of 0 to 2 hidden layers, and every L2 penalty on both ranges.
+fn settings(algo: &'static str) -> impl Strategy<Value = Setting> {
+    let level = (2..6_usize, 2..7_usize, 0.0..0.3, 1..4_usize, any::<u64>());
+    let network = (prop::collection::vec(1..9_usize, 0..3), prop::sample::select(vec!["tanh", "relu"]));
+    let l2 = prop::sample::select(vec!["none", "adamw", "adam", "loss"]);
+    let optimizer = (l2, prop::sample::select(vec!["all", "weights"]), 1e-3..0.5, 0.05..5.0, 0.8..1.0);
+    let seeds = (1..4_u64, any::<u64>());
+    (level, network, optimizer, seeds).prop_filter_map("no such level", move |(level, network, optimizer, seeds)| {
+        let (height, width, wall_density, num_targets, seed) = level;
+        let level = LevelSpec { height, width, wall_density, num_targets, seed }.generate().ok()?;
+        let (l2, covers, coef, max_grad_norm, gamma) = optimizer;
+        let mut sets = vec![
+            format!("hidden={:?}", network.0),
+            format!("activation={}", network.1),
+            format!("l2={l2}"),
+            format!("l2_covers={covers}"),
+            format!("max_grad_norm={max_grad_norm}"),
+            format!("gamma={gamma}"),
+            // Where a gradient vanishes but for rounding, Adam's step is the sign of that rounding unless ε is larger.
+            "adam_eps=1e-3".to_owned(),
+            "learning_rate=1e-2".to_owned(),
+        ];
+        sets.extend((l2 != "none").then(|| format!("l2_coef={coef}")));
+        let config = config::resolve(Some(algo), None, &sets).expect("valid settings");
+        Some(Setting { level: Arc::new(level), config, seeds: seeds.0, seed: seeds.1 })
+    })
+}
+
+impl Setting {
+    fn stream(&self, purpose: Purpose) -> Stream {
+        Stream::new(self.seed, 0, purpose)
+    }
+
+    fn network(&self) -> Network {
+        cpp_rl::agent::network(&self.config, &self.level)
+    }
+
+    /// Agents in the midst of training: no parameter, moment or target parameter is 0.
+    fn agents(&self) -> Vec<AgentState> {
+        let agent = |seed| {
+            let mut agent = cpp_rl::agent::fresh(&self.config, &self.level, seed);
+            let mut stream = Stream::new(self.seed, 0, Purpose::Environment(seed as u32));
+            let mut draw = |list: &mut Vec<f32>, scale: f32| {
+                list.iter_mut().for_each(|v| *v = scale * (2.0 * unit_f32(&mut stream) - 1.0));
+            };
+            draw(&mut agent.parameters, 1.0);
+            draw(&mut agent.adam.exp_avg, 0.1);
+            draw(&mut agent.adam.exp_avg_sq, 0.01);
+            agent.adam.exp_avg_sq.iter_mut().for_each(|v| *v = v.abs());
+            agent.target.iter_mut().for_each(|target| draw(target, 1.0));
+            agent.adam.step = 5;
+            agent
+        };
+        (0..self.seeds).map(agent).collect()
+    }
+
+    /// Environments of one seed, which a random policy steps.
+    fn environments(&self, seed: u64) -> VecEnv<Stream> {
+        let streams = (0..2).map(|i| Stream::new(seed, 0, Purpose::Environment(i))).collect();
+        VecEnv::new(self.level.clone(), 7, streams)
+    }
+
+    /// A rollout of a random policy; its log-probabilities, advantages and returns are drawn.
+    fn rollout(&self, seed: u64, steps: usize) -> Rollout {
+        let mut stream = Stream::new(seed, 1, Purpose::Actions);
+        let mut envs = self.environments(seed);
+        let mut rollout = Rollout::new(envs.len(), &self.level);
+        let mut current = rollout.inputs.clone();
+        for _ in 0..steps {
+            current.clear();
+            let push = |state| current.push_with(|rows| Observation::new(&self.level, state).push_active(rows));
+            envs.states().iter().for_each(push);
+            let actions: Vec<Action> = envs.states().iter().map(|_| uniform(&mut stream)).collect();
+            rollout.push_observations(&current, &actions);
+            envs.step(&actions);
+            rollout.push_steps(&envs);
+        }
+        rollout.finish(&envs);
+        let mut draw = |low: f32, high: f32| {
+            (0..rollout.rewards.len()).map(|_| low + (high - low) * unit_f32(&mut stream)).collect::<Vec<f32>>()
+        };
+        (rollout.log_probs, rollout.advantages, rollout.returns) = (draw(-2.5, -0.5), draw(-3.0, 3.0), draw(-5.0, 5.0));
+        rollout
+    }
+
+    /// A replay buffer that a random policy filled.
+    fn replay(&self, seed: u64) -> Replay {
+        let mut stream = Stream::new(seed, 1, Purpose::Actions);
+        let mut envs = self.environments(seed);
+        let mut replay = Replay::new(50, &self.level);
+        for _ in 0..40 {
+            let actions: Vec<Action> = envs.states().iter().map(|_| uniform(&mut stream)).collect();
+            replay.begin(envs.states(), &actions);
+            envs.step(&actions);
+            replay.end(&envs);
+        }
+        replay
+    }
+}
+
+fn uniform(stream: &mut Stream) -> Action {
+    Action::ALL[below(stream, Action::COUNT as u32) as usize]
+}
+
+fn ppo_of(config: &Config) -> &PpoConfig {
+    match &config.algorithm {
+        Algorithm::Ppo(ppo) => ppo,
+        Algorithm::Dqn(_) => panic!("not a case of PPO"),
+    }
+}
+
+fn fused_ppo(setting: &Setting, agents: &[AgentState]) -> Box<dyn PpoUpdater> {
+    Box::new(FusedPpo::new(&setting.network(), ppo_of(&setting.config), &setting.config.optimizer, agents))
+}
+
+fn autograd_ppo(setting: &Setting, agents: &[AgentState]) -> Box<dyn PpoUpdater> {
+    let (ppo, optimizer) = (ppo_of(&setting.config), &setting.config.optimizer);
+    Box::new(AutogradPpo::new(setting.network(), Device::Cpu, ppo, optimizer, agents))
+}
+
+fn fused_dqn(setting: &Setting, agents: &[AgentState]) -> Box<dyn DqnUpdater> {
+    Box::new(FusedDqn::new(&setting.network(), setting.config.gamma, &setting.config.optimizer, agents))
+}
+
+fn autograd_dqn(setting: &Setting, agents: &[AgentState]) -> Box<dyn DqnUpdater> {
+    let (gamma, optimizer) = (setting.config.gamma, &setting.config.optimizer);
+    Box::new(AutogradDqn::new(setting.network(), Device::Cpu, gamma, optimizer, agents))
+}
+
+/// Updates of all seeds on their rollouts; returns each update's losses, and the agents at the end.
+fn train_ppo(
+    mut updater: Box<dyn PpoUpdater>,
+    rollouts: &[&Rollout],
+    minibatches: &[Vec<u32>],
+    agents: &[AgentState],
+) -> (Vec<Vec<PpoLoss>>, Vec<AgentState>) {
+    updater.load(rollouts);
+    let losses =
+        minibatches.iter().map(|indices| updater.minibatch(rollouts, &vec![indices.as_slice(); rollouts.len()]));
+    let losses = losses.collect();
+    let mut agents = agents.to_vec();
+    agents.iter_mut().enumerate().for_each(|(s, agent)| updater.save(s, agent));
+    (losses, agents)
+}
+
+/// Updates of all seeds on their transitions, `[update][seed]`, with a target copy after the second.
+fn train_dqn(
+    mut updater: Box<dyn DqnUpdater>,
+    transitions: &[Vec<&Transitions>],
+    agents: &[AgentState],
+) -> (Vec<Vec<DqnLoss>>, Vec<AgentState>) {
+    let mut losses = Vec::new();
+    for (i, transitions) in transitions.iter().enumerate() {
+        losses.push(updater.minibatch(transitions));
+        if i == 1 {
+            updater.copy_target();
+        }
+    }
+    let mut agents = agents.to_vec();
+    agents.iter_mut().enumerate().for_each(|(s, agent)| updater.save(s, agent));
+    (losses, agents)
+}
+
+/// Weights and moments agree but for the order of sums.
+///
+/// That is some 1e-6 of a gradient's largest entry; Adam's step makes it up to learning_rate / adam_eps = 10 times as
+/// much, and each of the updates builds on the one before.
+fn assert_same_agents(actual: &[AgentState], expected: &[AgentState]) {
+    for (actual, expected) in actual.iter().zip(expected) {
+        assert_close("parameters", &actual.parameters, &expected.parameters, 1e-4);
+        assert_close("exp_avg", &actual.adam.exp_avg, &expected.adam.exp_avg, 1e-4);
+        assert_close("exp_avg_sq", &actual.adam.exp_avg_sq, &expected.adam.exp_avg_sq, 1e-4);
+        assert_eq!(actual.adam.step, expected.adam.step);
+        if let (Some(actual), Some(expected)) = (&actual.target, &expected.target) {
+            assert_close("target", actual, expected, 1e-4);
+        }
+    }
+}
+
+fn assert_same_ppo_losses(actual: &[Vec<PpoLoss>], expected: &[Vec<PpoLoss>]) {
+    let terms = |loss: &PpoLoss| {
+        [loss.policy, loss.value, loss.entropy, loss.total, loss.approx_kl, loss.clip_fraction, loss.grad_norm]
+    };
+    for (actual, expected) in actual.iter().flatten().zip(expected.iter().flatten()) {
+        for (i, (a, e)) in terms(actual).into_iter().zip(terms(expected)).enumerate() {
+            assert_within(&format!("term {i}"), &[a], &[e], 1e-4 * e.abs() + 1e-5);
+        }
+    }
+}
+
+fn assert_same_dqn_losses(actual: &[Vec<DqnLoss>], expected: &[Vec<DqnLoss>]) {
+    for (actual, expected) in actual.iter().flatten().zip(expected.iter().flatten()) {
+        assert_close("loss", &[actual.loss, actual.grad_norm], &[expected.loss, expected.grad_norm], 1e-4);
+    }
+}
+
+proptest! {
+    #![proptest_config(few_cases())]
+
+    #[test]
+    fn ppo_is_the_same_fused_and_stacked(
+        setting in settings("ppo"),
+        batch_size in 1..20_usize,
+        (clip_range, ent_coef, vf_coef) in (0.05..0.5, 0.0..0.1, 0.1..1.0),
+        normalize: bool,
+    ) {
+        let mut setting = setting;
+        if let Algorithm::Ppo(ppo) = &mut setting.config.algorithm {
+            *ppo = PpoConfig { clip_range, ent_coef, vf_coef, normalize_advantage: normalize, ..ppo.clone() };
+        }
+        let rollouts: Vec<Rollout> = (0..setting.seeds).map(|seed| setting.rollout(seed, 12)).collect();
+        let rollouts: Vec<&Rollout> = rollouts.iter().collect();
+        let mut stream = setting.stream(Purpose::Minibatches);
+        let minibatches: Vec<Vec<u32>> =
+            (0..UPDATES).map(|_| (0..batch_size).map(|_| below(&mut stream, 24)).collect()).collect();
+        let agents = setting.agents();
+        let (losses, reference) = train_ppo(autograd_ppo(&setting, &agents), &rollouts, &minibatches, &agents);
+        let (fused_losses, fused) = train_ppo(fused_ppo(&setting, &agents), &rollouts, &minibatches, &agents);
+        assert_same_ppo_losses(&fused_losses, &losses);
+        assert_same_agents(&fused, &reference);
+        prop_assert!(reference[0].parameters != agents[0].parameters);
+
+        for make in [fused_ppo, autograd_ppo] {
+            let (_, together) = train_ppo(make(&setting, &agents), &rollouts, &minibatches, &agents);
+            for (s, agent) in agents.iter().enumerate() {
+                let agent = std::slice::from_ref(agent);
+                let (_, alone) = train_ppo(make(&setting, agent), &rollouts[s..=s], &minibatches, agent);
+                assert_same_agents(&alone, &together[s..=s]);
+            }
+        }
+    }
+
+    #[test]
+    fn dqn_is_the_same_fused_and_stacked(setting in settings("dqn"), batch_size in 1..20_usize) {
+        let mut stream = setting.stream(Purpose::Minibatches);
+        let replays: Vec<Replay> = (0..setting.seeds).map(|seed| setting.replay(seed)).collect();
+        let mut draw = |replay: &Replay| {
+            let mut transitions = Transitions::new(&setting.level);
+            replay.sample(batch_size, &mut stream, &mut transitions);
+            transitions
+        };
+        let transitions: Vec<Vec<Transitions>> =
+            (0..UPDATES).map(|_| replays.iter().map(&mut draw).collect()).collect();
+        let of_seeds = |seeds: std::ops::Range<usize>| -> Vec<Vec<&Transitions>> {
+            transitions.iter().map(|update| update[seeds.clone()].iter().collect()).collect()
+        };
+        let (agents, all) = (setting.agents(), of_seeds(0..setting.seeds as usize));
+        let (losses, reference) = train_dqn(autograd_dqn(&setting, &agents), &all, &agents);
+        let (fused_losses, fused) = train_dqn(fused_dqn(&setting, &agents), &all, &agents);
+        assert_same_dqn_losses(&fused_losses, &losses);
+        assert_same_agents(&fused, &reference);
+        prop_assert!(reference[0].parameters != agents[0].parameters);
+
+        for make in [fused_dqn, autograd_dqn] {
+            let (_, together) = train_dqn(make(&setting, &agents), &all, &agents);
+            for (s, agent) in agents.iter().enumerate() {
+                let agent = std::slice::from_ref(agent);
+                let (_, alone) = train_dqn(make(&setting, agent), &of_seeds(s..s + 1), agent);
+                assert_same_agents(&alone, &together[s..=s]);
+            }
+        }
+    }
+
+    /// The observations beyond a rollout are as many as its episodes that were cut off, a number of each seed's own:
+    /// seeds with fewer are padded where they are stacked.
+    #[test]
+    fn forward_passes_of_unequal_length_do_not_mix(setting in settings("ppo"), lengths in [1..40_usize, 1..40, 1..40]) {
+        let agents = setting.agents();
+        let rollouts: Vec<Rollout> =
+            (0..setting.seeds).map(|seed| setting.rollout(seed, lengths[seed as usize])).collect();
+        let inputs: Vec<&BitBatch> = rollouts.iter().map(|rollout| &rollout.inputs).collect();
+        let fused = fused_ppo(&setting, &agents).forward(&inputs);
+        let stacked = autograd_ppo(&setting, &agents).forward(&inputs);
+        for (s, agent) in agents.iter().enumerate() {
+            let alone = &autograd_ppo(&setting, std::slice::from_ref(agent)).forward(&inputs[s..=s])[0];
+            prop_assert_eq!(alone.values.len(), 2 * lengths[s]);
+            for outputs in [&fused[s], &stacked[s]] {
+                assert_within("logits", &outputs.logits[..alone.logits.len()], &alone.logits, 1e-5);
+                assert_within("values", &outputs.values[..alone.values.len()], &alone.values, 1e-5);
+            }
+        }
+    }
+}
