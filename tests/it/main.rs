@@ -3,10 +3,17 @@
 //! What Stable-Baselines3 computed is under `tests/fixtures/sb3`; its README says how each number was made.
 
 mod advantages;
+mod command_line;
 mod dqn_schedule;
 mod fixtures;
 mod kernels;
 mod numbers;
 mod replay;
+mod results;
+mod resume;
+mod runs;
+mod sandbox;
 mod sb3_dqn;
+mod sb3_models;
 mod sb3_ppo;
+mod settings;
