@@ -1,4 +1,4 @@
-//! Evaluation: episodes of a policy from every start cell or from drawn ones, and one result type for all of them.
+//! Evaluation: episodes of a policy from every start cell or from drawn ones.
 
 use std::sync::Arc;
 
@@ -6,65 +6,14 @@ use bit_mlp::Prepared;
 use coverage_env::planner::{PlanError, Planner};
 use coverage_env::random::{below, unit_f32, unit_f64};
 use coverage_env::{Action, CoverageEnv, Level, Observation, State};
-use serde::{Deserialize, Serialize};
 
 use crate::agent::network::Network;
 use crate::agent::random::{Purpose, Stream};
 use crate::agent::{greedy, sample};
+use crate::results::{Episode, LevelResult};
 
 /// ε of a stochastic evaluation of DQN.
 const STOCHASTIC_EPSILON: f64 = 0.05;
-
-/// One finished episode.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Episode {
-    /// `[row, column]`, from 0.
-    pub start: [usize; 2],
-    /// Sum of rewards.
-    #[serde(rename = "return")]
-    pub return_: i64,
-    /// Timesteps.
-    pub length: u32,
-    /// Whether every target was visited before the step limit.
-    pub solved: bool,
-}
-
-/// All episodes of one policy on one level.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct LevelResult {
-    /// The level's name.
-    pub level: String,
-    /// Mean return.
-    pub mean: f64,
-    /// Population standard deviation (ddof 0) of the returns, as the study's.
-    pub std: f64,
-    /// Least return.
-    pub min: i64,
-    /// Largest return.
-    pub max: i64,
-    /// Share of episodes solved.
-    pub solved_share: f64,
-    /// In row-major order of their start cells, or in the order they were drawn.
-    pub episodes: Vec<Episode>,
-}
-
-/// What one policy earned on several levels.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Evaluation {
-    /// A planner's name or an arm's.
-    pub policy: String,
-    /// The run's directory, where there is one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub run: Option<String>,
-    /// The stage after which the policy was taken.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub stage: Option<u16>,
-    /// The seed that was trained.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub seed: Option<u64>,
-    /// One result per level.
-    pub levels: Vec<LevelResult>,
-}
 
 /// Where episodes start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,30 +39,6 @@ impl Starts {
                 let starts = level.starts();
                 (0..episodes).map(|_| starts[below(&mut stream, starts.len() as u32) as usize]).collect()
             }
-        }
-    }
-}
-
-impl LevelResult {
-    /// Sums episodes up.
-    pub fn new(level: &Level, episodes: Vec<Episode>) -> Self {
-        Self::of_episodes(level.name().to_owned(), episodes)
-    }
-
-    /// Sums up the episodes of the level with this name; there is at least one.
-    pub fn of_episodes(level: String, episodes: Vec<Episode>) -> Self {
-        let count = episodes.len() as f64;
-        let returns = || episodes.iter().map(|episode| episode.return_);
-        let mean = returns().sum::<i64>() as f64 / count;
-        let variance = returns().map(|r| (r as f64 - mean).powi(2)).sum::<f64>() / count;
-        Self {
-            level,
-            mean,
-            std: variance.sqrt(),
-            min: returns().min().unwrap_or_default(),
-            max: returns().max().unwrap_or_default(),
-            solved_share: episodes.iter().filter(|episode| episode.solved).count() as f64 / count,
-            episodes,
         }
     }
 }
@@ -168,7 +93,7 @@ pub fn network(
             choose.action(acting.forward_one(parameters, &active))
         })
     };
-    LevelResult::new(level, starts.cells(level).into_iter().map(episode).collect())
+    LevelResult::new(level.name(), starts.cells(level).into_iter().map(episode).collect())
 }
 
 /// Episodes of a planner on one level.
@@ -188,7 +113,7 @@ pub fn planner(
         Ok(episode(level, max_steps, start, |_| actions.next().unwrap_or(Action::Down)))
     };
     let episodes: Result<Vec<Episode>, PlanError> = starts.cells(level).into_iter().map(plan).collect();
-    Ok(LevelResult::new(level, episodes?))
+    Ok(LevelResult::new(level.name(), episodes?))
 }
 
 /// One episode from `start`, a start cell of the level.

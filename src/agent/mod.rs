@@ -97,14 +97,18 @@ fn observe<R: Rng>(envs: &VecEnv<R>, batch: &mut BitBatch) {
     }
 }
 
-/// What tells how strongly an L2 penalty acts: the norm of all parameters and, where there is a penalty, the norms of
-/// its gradient λθ and of the loss's in the update's last minibatch, as a ratio.
+/// What tells how strongly an L2 penalty acts: the norm of all parameters and, where the penalty has a gradient, the
+/// ratio of its norm to that of the loss's gradient where the two are added, in the update's last minibatch.
 fn dose_metrics(agent: &AgentState, optimizer: &OptimizerConfig, norms: GradientNorms) -> Metrics {
     let squares: f64 = agent.parameters.iter().map(|&p| f64::from(p).powi(2)).sum();
     let mut row = vec![("train/weight_norm", squares.sqrt())];
-    if optimizer.l2 != L2::None {
-        row.push(("train/l2_ratio", f64::from(norms.penalty) / f64::from(norms.loss)));
-    }
+    let loss = f64::from(norms.loss);
+    let beside = match optimizer.l2 {
+        L2::Loss => Some(loss),
+        L2::Adam => Some(loss.min(optimizer.max_grad_norm)),
+        L2::None | L2::AdamW => None,
+    };
+    row.extend(beside.map(|loss| ("train/l2_ratio", f64::from(norms.penalty) / loss)));
     row
 }
 

@@ -6,10 +6,12 @@ use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use coverage_env::planner::{AStar, Optimal, Planner, Random};
 
+use super::output::print_evaluations;
 use super::{StartArgs, parse_levels};
 use crate::agent::random::{Purpose, Stream};
-use crate::evaluate::{self, Evaluation};
-use crate::report::{self, Format};
+use crate::evaluate;
+use crate::report::Format;
+use crate::results::Evaluation;
 
 /// Evaluate a planner.
 #[derive(Debug, Args)]
@@ -61,6 +63,6 @@ impl BaselineArgs {
         }
         let policy = planner.name().to_owned();
         let evaluation = [Evaluation { policy, run: None, stage: None, seed: None, levels }];
-        super::eval::print(&evaluation, &report::evaluations(&evaluation), self.format)
+        print_evaluations(&evaluation, self.format)
     }
 }

@@ -7,9 +7,11 @@ use anyhow::{Context, Result};
 use clap::Args;
 
 use crate::error::tell;
-use crate::report::Format;
 use crate::report::compare::Comparison;
+use crate::report::{Format, render};
 use crate::run::write_file;
+
+use super::output::write_stdout;
 
 /// Lay runs side by side.
 #[derive(Debug, Args)]
@@ -32,9 +34,13 @@ impl CompareArgs {
     /// Directories without runs, and files that cannot be read or written.
     pub fn run(&self) -> Result<()> {
         let comparison = Comparison::read(&self.runs)?;
-        let table = comparison.table();
+        let mut tables = vec![comparison.table()];
+        if !comparison.differences.is_empty() {
+            tables.push(comparison.settings_table());
+        }
         let json = serde_json::to_string_pretty(&comparison)? + "\n";
-        let text = |format| if format == Format::Json { json.clone() } else { table.render(format) };
+        let text = |format| if format == Format::Json { json.clone() } else { render(&tables, format) };
+        comparison.warnings.iter().for_each(|warning| tell(format_args!("warning: {warning}")));
         if let Some(out) = &self.out {
             fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
             let files = [
@@ -50,6 +56,6 @@ impl CompareArgs {
             }
             tell(format_args!("written to {}", out.display()));
         }
-        super::eval::write_stdout(&text(self.format))
+        write_stdout(&text(self.format))
     }
 }

@@ -3,12 +3,14 @@
 use anyhow::Result;
 use clap::Args;
 
+use super::output::write_stdout;
 use super::parse_levels;
 use super::training::{TrainingArgs, carry_out, conclude};
+use crate::agent::Stage;
 use crate::curriculum::Curriculum;
 use crate::error::tell;
 use crate::report::study::{Planned, after_stage, matrix};
-use crate::report::{Format, Table};
+use crate::report::{Format, Table, render};
 use crate::run::evaluations::{self, Row};
 use crate::training::progress::Verbosity;
 use crate::training::{Event, Experiment};
@@ -43,50 +45,55 @@ impl CurriculumArgs {
             experiment.curriculum.levels.iter().map(|level| Planned::new(level, max_steps)).collect();
 
         let stages = &experiment.curriculum.stages;
-        let study = stages.iter().find(|stage| stage.level.name() == STUDY_LEVEL).map(|stage| stage.index);
         let last = stages.len() as u16 - 1;
-        let mut waiting = experiment.seeds.len();
-        let outcome = carry_out(&experiment, verbosity, |event| match event {
-            Event::StageDone { stage, .. } if Some(*stage) == study && *stage != last => {
+        let is_study = |stage: &&Stage| stage.level.name() == STUDY_LEVEL && stage.index != last;
+        let study = stages.iter().find(is_study).map(|stage| stage.index);
+        let study_table = |stage, runs: &[Vec<Row>]| {
+            let mut table = after_stage(&experiment.curriculum, stage, runs, &planned);
+            table.title += " (the study's Tables 2-4)";
+            table
+        };
+
+        // People see the study's table as soon as its stage has ended for all seeds; programs get all tables at once.
+        let mut waiting = if self.format == Format::Table { experiment.seeds.len() } else { usize::MAX };
+        let outcome = carry_out(&experiment, verbosity, |event| {
+            if let Event::StageDone { stage, .. } = event
+                && Some(*stage) == study
+            {
                 waiting -= 1;
                 if waiting == 0 {
-                    self.print_study_table(&experiment, *stage, &planned);
+                    print_now(&study_table(*stage, &written(&experiment)));
                 }
             }
-            _ => {}
         })?;
 
         let runs: Vec<Vec<Row>> = outcome.finished.iter().map(|run| run.evaluations.clone()).collect();
-        if runs.is_empty() {
-            return conclude(&experiment, verbosity, &outcome);
+        if !runs.is_empty() {
+            let late = study.filter(|_| waiting > 0).map(|stage| study_table(stage, &runs));
+            let mut tables: Vec<Table> = late.into_iter().collect();
+            tables.push(after_stage(&experiment.curriculum, last, &runs, &planned));
+            tables.push(matrix(&experiment.curriculum, &runs, &planned));
+            write_stdout(&render(&tables, self.format))?;
         }
-        let tables = [
-            after_stage(&experiment.curriculum, last, &runs, &planned),
-            matrix(&experiment.curriculum, &runs, &planned),
-        ];
-        self.print(&tables)?;
         conclude(&experiment, verbosity, &outcome)
     }
+}
 
-    /// The study's Tables 2–4, from what the runs have written so far.
-    fn print_study_table(&self, experiment: &Experiment, stage: u16, planned: &[Planned]) {
-        let read = |&seed: &u64| evaluations::read(&experiment.run_path(seed)).unwrap_or_default();
-        let runs: Vec<Vec<Row>> = experiment.seeds.iter().map(read).collect();
-        let mut table = after_stage(&experiment.curriculum, stage, &runs, planned);
-        table.title += " (the study's Tables 2-4)";
-        if let Err(error) = self.print(&[table]) {
-            tell(format_args!("cannot print the study's table: {error}"));
+/// What each seed's run has written so far; a file that cannot be read is told of and left out.
+fn written(experiment: &Experiment) -> Vec<Vec<Row>> {
+    let read = |&seed: &u64| match evaluations::read(&experiment.run_path(seed)) {
+        Ok(rows) => Some(rows),
+        Err(error) => {
+            tell(format_args!("seed {seed} is missing from the table: {error:#}"));
+            None
         }
-    }
+    };
+    experiment.seeds.iter().filter_map(read).collect()
+}
 
-    fn print(&self, tables: &[Table]) -> Result<()> {
-        for table in tables {
-            let text = match self.format {
-                Format::Json => serde_json::to_string(&table.to_json())? + "\n",
-                format => table.render(format) + "\n",
-            };
-            super::eval::write_stdout(&text)?;
-        }
-        Ok(())
+/// Prints a table while the training goes on, which it must not end.
+fn print_now(table: &Table) {
+    if let Err(error) = write_stdout(&(table.render(Format::Table) + "\n")) {
+        tell(format_args!("cannot print the study's table: {error:#}"));
     }
 }

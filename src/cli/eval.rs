@@ -1,18 +1,18 @@
 //! `cpp-rl eval`.
 
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, Result};
 use clap::Args;
 use coverage_env::Level;
-use serde_json::json;
 
+use super::output::print_evaluations;
 use super::{StartArgs, parse_levels};
 use crate::error::UserError;
-use crate::evaluate::{self, Choose, Evaluation};
-use crate::report::{self, Format, Table};
+use crate::evaluate::{self, Choose};
+use crate::report::Format;
+use crate::results::Evaluation;
 use crate::run::checkpoint::Checkpoint;
 use crate::run::manifest::Manifest;
 use crate::run::stage_checkpoint;
@@ -60,7 +60,7 @@ impl EvalArgs {
         let levels = self.levels.as_deref().map(parse_levels).transpose()?;
         let evaluations = self.models.iter().map(|path| self.evaluate(path, levels.as_deref()));
         let evaluations: Vec<Evaluation> = evaluations.collect::<Result<_>>()?;
-        print(&evaluations, &report::evaluations(&evaluations), self.format)
+        print_evaluations(&evaluations, self.format)
     }
 
     fn evaluate(&self, path: &Path, levels: Option<&[Level]>) -> Result<Evaluation> {
@@ -138,33 +138,8 @@ impl EvalArgs {
             checkpoint: Checkpoint::read(&stage_checkpoint(path, stage))?,
             policy: manifest.arm.clone(),
             run: Some(path.display().to_string()),
-            max_steps: manifest.config.get("max_steps").and_then(|v| v.as_u64()).unwrap_or(200) as u32,
+            max_steps: manifest.max_steps(),
             levels: levels.map_or_else(of_run, |levels| Ok(levels.to_vec()))?,
         })
-    }
-}
-
-/// Prints evaluations to stdout; as JSON one object for one of them, a list within an object for several.
-///
-/// # Errors
-/// A stdout that cannot be written.
-pub(super) fn print(evaluations: &[Evaluation], table: &Table, format: Format) -> Result<()> {
-    let text = match (format, evaluations) {
-        (Format::Json, [one]) => serde_json::to_string(one)? + "\n",
-        (Format::Json, all) => json!({ "evaluations": all }).to_string() + "\n",
-        (format, _) => table.render(format),
-    };
-    write_stdout(&text)
-}
-
-/// Writes to stdout; a reader that has gone (`| head`) is no error.
-///
-/// # Errors
-/// Any other that stdout has.
-pub(super) fn write_stdout(text: &str) -> Result<()> {
-    let mut stdout = io::stdout().lock();
-    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
-        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error).context("cannot write to stdout"),
-        _ => Ok(()),
     }
 }

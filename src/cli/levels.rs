@@ -7,6 +7,7 @@ use clap::{Args, Subcommand};
 use coverage_env::generator::LevelSpec;
 use coverage_env::{BUILTIN_IDS, Level};
 
+use super::output::write_stdout;
 use crate::error::{UserError, tell};
 use crate::report::{Cell, Format, Table, map};
 use crate::run::write_file;
@@ -79,7 +80,7 @@ impl LevelsArgs {
         match &self.action {
             Action::List { format } => list(*format),
             Action::Show { levels } => {
-                levels.iter().try_for_each(|level| super::eval::write_stdout(&Level::resolve(level)?.to_yaml()))
+                levels.iter().try_for_each(|level| write_stdout(&Level::resolve(level)?.to_yaml()))
             }
             Action::Check { levels } => check(levels),
             Action::Generate { height, width, wall_density, targets, seed, out } => {
@@ -110,14 +111,14 @@ fn list(format: Format) -> Result<()> {
         ..Table::default()
     };
     let text = if format == Format::Json { table.to_json().to_string() + "\n" } else { table.render(format) };
-    super::eval::write_stdout(&text)
+    write_stdout(&text)
 }
 
 fn check(levels: &[String]) -> Result<()> {
     let mut wrong = 0;
     for level in levels {
         match Level::resolve(level) {
-            Ok(found) => super::eval::write_stdout(&format!(
+            Ok(found) => write_stdout(&format!(
                 "{level}: {}×{}, {} targets, {} start cells\n",
                 found.height(),
                 found.width(),
@@ -139,6 +140,6 @@ fn check(levels: &[String]) -> Result<()> {
 fn deliver(text: &str, out: Option<&PathBuf>) -> Result<()> {
     match out {
         Some(path) => write_file(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display())),
-        None => super::eval::write_stdout(text),
+        None => write_stdout(text),
     }
 }

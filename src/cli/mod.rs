@@ -5,6 +5,7 @@ pub mod compare;
 pub mod curriculum;
 pub mod eval;
 pub mod levels;
+mod output;
 pub mod train;
 mod training;
 

@@ -4,10 +4,11 @@ use anyhow::Result;
 use clap::Args;
 use coverage_env::Level;
 
+use super::output::print_evaluations;
 use super::training::{TrainingArgs, carry_out, conclude};
 use crate::curriculum::Curriculum;
-use crate::evaluate::Evaluation;
-use crate::report::{self, Format};
+use crate::report::Format;
+use crate::results::Evaluation;
 use crate::run::evaluations::{Phase, level_result};
 use crate::training::progress::Verbosity;
 
@@ -46,7 +47,7 @@ impl TrainArgs {
                 levels: level_result(&run.evaluations, Phase::After, 0, level).into_iter().collect(),
             })
             .collect();
-        super::eval::print(&evaluations, &report::evaluations(&evaluations), self.format)?;
+        print_evaluations(&evaluations, self.format)?;
         conclude(&experiment, verbosity, &outcome)
     }
 }

@@ -11,10 +11,11 @@ use super::Seeds;
 use crate::agent::Backend;
 use crate::config::{self, Config};
 use crate::curriculum::Curriculum;
+use crate::dose::Dose;
 use crate::error::{UserError, tell};
 use crate::run::manifest::Manifest;
 use crate::training::progress::{Progress, Verbosity};
-use crate::training::{Dose, Event, Experiment, Outcome};
+use crate::training::{Event, Experiment, Outcome};
 
 /// Arguments of every training.
 #[derive(Clone, Debug, Args)]

@@ -1,5 +1,6 @@
 //! Runs side by side: what each arm earns on each level right after training on it (the study's Table 5).
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,16 +9,18 @@ use std::sync::Arc;
 use anyhow::{Context, Result};
 use coverage_env::Level;
 use serde::Serialize;
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use super::study::{Planned, deviation_note, planned_cell};
-use super::{Cell, Table, mean_std};
+use super::{Cell, Table};
+use crate::dose::WEAK;
 use crate::error::UserError;
-use crate::run::differences;
+use crate::results::mean_std;
 use crate::run::evaluations::{self, Phase, Row, level_result};
-use crate::run::manifest::{Manifest, Status};
-use crate::training::WEAK;
+use crate::run::manifest::{Manifest, StageEntry, Status};
 
+/// The folder of runs through a whole curriculum; others hold runs on one level afresh.
+const CURRICULUM: &str = "curriculum";
 /// Folders below a given one that may hold runs: arm, curriculum, seed.
 const DEPTH: usize = 4;
 
@@ -30,19 +33,28 @@ pub struct Comparison {
     pub arms: Vec<Arm>,
     /// What the planners earn on each level.
     pub planners: Vec<Planned>,
-    /// Settings in which arms differ: `a | b: key: value → value`.
-    pub differences: Vec<String>,
+    /// The settings that are not the same in all arms.
+    pub differences: Vec<Difference>,
     /// What a reader must know.
     pub warnings: Vec<String>,
 }
 
-/// The runs of one preset, in a curriculum or on levels afresh.
+/// Runs that differ in nothing but their seeds.
 #[derive(Clone, Debug, Serialize)]
 pub struct Arm {
-    /// The preset's name, with `(afresh)` for runs on single levels.
+    /// The preset's name, with what tells it from another arm of that name.
     pub name: String,
     /// One result per level, in the order of [`Comparison::levels`].
     pub levels: Vec<Option<ArmLevel>>,
+}
+
+/// One setting that is not the same in all arms.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Difference {
+    /// Its key.
+    pub key: String,
+    /// Its value in each arm, in their order; null where the arm has no such setting.
+    pub values: Vec<Value>,
 }
 
 /// What an arm earns on a level right after training on it.
@@ -65,9 +77,35 @@ struct Loaded {
     rows: Vec<Row>,
 }
 
+/// Runs that may be pooled: they differ in their seeds alone.
+struct Group<'a> {
+    name: String,
+    settings: Map<String, Value>,
+    runs: Vec<&'a Loaded>,
+}
+
 impl Loaded {
+    /// Everything that a run's results depend on beside its seed.
+    fn settings(&self) -> Map<String, Value> {
+        let m = &self.manifest;
+        let mut settings = m.config.clone();
+        settings.insert("kernel".to_owned(), m.kernel.clone().into());
+        settings.insert("device".to_owned(), m.device.clone().into());
+        // A penalty that is not there has no coefficient, and covers nothing.
+        if settings.get("l2").and_then(Value::as_str) == Some("none") {
+            settings.remove("l2_coef");
+            settings.remove("l2_covers");
+        }
+        let stage = |s: &StageEntry| Value::from(format!("{} × {}", s.level, s.timesteps));
+        // The afresh runs of one arm have a stage each, on levels of their own, and belong together.
+        if m.curriculum == CURRICULUM {
+            settings.insert("stages".to_owned(), m.stages.iter().map(stage).collect());
+        }
+        settings
+    }
+
     fn arm(&self) -> String {
-        let afresh = if self.manifest.curriculum == "curriculum" { "" } else { " (afresh)" };
+        let afresh = if self.manifest.curriculum == CURRICULUM { "" } else { " (afresh)" };
         format!("{}{afresh}", self.manifest.arm)
     }
 }
@@ -76,59 +114,47 @@ impl Comparison {
     /// Reads all runs in and below these directories.
     ///
     /// # Errors
-    /// A directory without runs, and files that cannot be read.
+    /// A directory without runs, files that cannot be read, two runs that are the same seed of the same arm, and levels
+    /// of one name with differing maps.
     pub fn read(directories: &[PathBuf]) -> Result<Self> {
         let mut paths = BTreeSet::new();
         for directory in directories {
-            let before = paths.len();
-            find_runs(directory, DEPTH, &mut paths)?;
-            if paths.len() == before {
+            let mut found = BTreeSet::new();
+            find_runs(directory, DEPTH, &mut found)?;
+            if found.is_empty() {
                 let message = "holds no run: give a run's directory (with a manifest.json) or a folder of runs";
                 return Err(UserError::new(format!("{} {message}", directory.display())).into());
             }
+            paths.extend(found);
         }
         let load = |path: PathBuf| -> Result<Loaded> {
             Ok(Loaded { manifest: Manifest::read(&path)?, rows: evaluations::read(&path)?, path })
         };
         let runs: Vec<Loaded> = paths.into_iter().map(load).collect::<Result<_>>()?;
-        Ok(Self::new(&runs))
+        Ok(Self::new(&runs)?)
     }
 
-    fn new(runs: &[Loaded]) -> Self {
+    fn new(runs: &[Loaded]) -> Result<Self, UserError> {
         let mut warnings = Vec::new();
         for run in runs.iter().filter(|run| run.manifest.status != Status::Finished) {
             let (done, stages) = (run.manifest.stages_done, run.manifest.stages.len());
             let why = if let Status::Failed(why) = &run.manifest.status { why } else { "unfinished" };
             warnings.push(format!("{}: {done} of {stages} stages are done ({why})", run.path.display()));
         }
-        let maps = maps(runs, &mut warnings);
-        let mut arms: BTreeMap<String, Vec<&Loaded>> = BTreeMap::new();
-        runs.iter().for_each(|run| arms.entry(run.arm()).or_default().push(run));
-        for (name, runs) in &arms {
-            let other = runs.iter().find(|run| run.manifest.config != runs[0].manifest.config);
-            if let Some(other) = other {
-                let keys = differences(&runs[0].manifest.config, &other.manifest.config).join("; ");
-                warnings.push(format!("{name}: its runs have differing settings and are pooled all the same: {keys}"));
-            }
-            warnings.extend(weak_dose(name, runs));
-        }
-        let planned = |(name, map): (&String, &(String, u32))| {
-            let level = Level::from_map(name.clone(), &map.0).ok().map(Arc::new);
-            level.map_or(Planned { astar: None, optimal: None }, |level| Planned::new(&level, map.1))
+        let levels = trained_levels(runs)?;
+        let groups = groups(runs)?;
+        warnings.extend(groups.iter().filter_map(weak_dose));
+        let arm = |group: &Group| Arm {
+            name: group.name.clone(),
+            levels: levels.iter().map(|trained| ArmLevel::new(&group.runs, &trained.level)).collect(),
         };
-        Self {
-            planners: maps.iter().map(|(name, map)| planned((name, map))).collect(),
-            arms: arms
-                .iter()
-                .map(|(name, runs)| Arm {
-                    name: name.clone(),
-                    levels: maps.iter().map(|(level, _)| ArmLevel::new(runs, level)).collect(),
-                })
-                .collect(),
-            differences: arm_differences(&arms),
-            levels: maps.into_iter().map(|(name, _)| name).collect(),
+        Ok(Self {
+            planners: levels.iter().map(Trained::planned).collect(),
+            arms: groups.iter().map(arm).collect(),
+            differences: arm_differences(&groups),
+            levels: levels.into_iter().map(|trained| trained.level).collect(),
             warnings,
-        }
+        })
     }
 
     /// The study's Table 5: a row per arm, a column per level.
@@ -151,22 +177,95 @@ impl Comparison {
         rows.push(planner("optimal", |planned| planned.optimal));
         let levels = self.levels.iter().map(|level| format!("level {level}"));
         let most = self.arms.iter().flat_map(|arm| &arm.levels).flatten().map(|level| level.seeds.len()).max();
-        let mut notes = vec![if most == Some(1) {
+        let note = if most == Some(1) {
             deviation_note(1)
         } else {
             "Mean ± population standard deviation over seeds, each the mean over every start cell; where an arm has \
              one seed, over its start cells."
                 .to_owned()
-        }];
-        notes.extend(self.differences.iter().map(|difference| format!("Settings: {difference}")));
-        notes.extend(self.warnings.iter().map(|warning| format!("Warning: {warning}")));
+        };
         Table {
             title: "Return on each level right after training on it".to_owned(),
             columns: ["arm".to_owned(), "seeds".to_owned()].into_iter().chain(levels).collect(),
             rows,
-            notes,
+            notes: vec![note],
         }
     }
+
+    /// The settings that are not the same in all arms: a row per setting, a column per arm.
+    pub fn settings_table(&self) -> Table {
+        let show = |value: &Value| match value {
+            Value::Null => Cell::Missing,
+            Value::String(text) => text.clone().into(),
+            value => value.to_string().into(),
+        };
+        let row = |difference: &Difference| {
+            [difference.key.as_str().into()].into_iter().chain(difference.values.iter().map(show)).collect()
+        };
+        Table {
+            title: "Settings in which the arms differ".to_owned(),
+            columns: ["setting".to_owned()].into_iter().chain(self.arms.iter().map(|arm| arm.name.clone())).collect(),
+            rows: self.differences.iter().map(row).collect(),
+            notes: Vec::new(),
+        }
+    }
+}
+
+/// Sorts runs into arms; arms of one name are told apart by the settings in which they differ.
+fn groups(runs: &[Loaded]) -> Result<Vec<Group<'_>>, UserError> {
+    let mut groups: Vec<Group> = Vec::new();
+    for run in runs {
+        let (name, settings) = (run.arm(), run.settings());
+        match groups.iter_mut().find(|group| group.name == name && group.settings == settings) {
+            Some(group) => group.runs.push(run),
+            None => groups.push(Group { name, settings, runs: vec![run] }),
+        }
+    }
+    for group in &groups {
+        let mut seen: BTreeMap<(u64, &str), &Loaded> = BTreeMap::new();
+        for run in &group.runs {
+            let key = (run.manifest.seed, run.manifest.curriculum.as_str());
+            if let Some(other) = seen.insert(key, run) {
+                return Err(UserError::new(format!(
+                    "{} and {} are the same seed of the same arm: give one of them",
+                    other.path.display(),
+                    run.path.display()
+                )));
+            }
+        }
+    }
+    let names: Vec<String> = groups.iter().map(|group| group.name.clone()).collect();
+    let labels: Vec<String> = groups
+        .iter()
+        .map(|group| {
+            let namesakes: Vec<&Group> = groups.iter().filter(|other| other.name == group.name).collect();
+            let keys = differing_keys(&namesakes);
+            let show = |key: &String| format!("{key}={}", group.settings.get(key).unwrap_or(&Value::Null));
+            match namesakes.len() {
+                1 => group.name.clone(),
+                _ => format!("{} [{}]", group.name, keys.iter().map(show).collect::<Vec<_>>().join(", ")),
+            }
+        })
+        .collect();
+    groups.iter_mut().zip(labels).for_each(|(group, label)| group.name = label);
+    let mut order: Vec<usize> = (0..groups.len()).collect();
+    order.sort_by(|&a, &b| (&names[a], &groups[a].name).cmp(&(&names[b], &groups[b].name)));
+    let mut slots: Vec<Option<Group>> = groups.into_iter().map(Some).collect();
+    Ok(order.into_iter().filter_map(|i| slots[i].take()).collect())
+}
+
+/// The keys whose values are not the same in all of these groups, names aside.
+fn differing_keys(groups: &[&Group]) -> Vec<String> {
+    let keys: BTreeSet<&String> = groups.iter().flat_map(|group| group.settings.keys()).collect();
+    let differs = |key: &&&String| groups.iter().any(|g| g.settings.get(**key) != groups[0].settings.get(**key));
+    keys.iter().filter(differs).filter(|key| **key != "name").map(|key| (*key).clone()).collect()
+}
+
+/// The settings in which arms differ, with every arm's value.
+fn arm_differences(groups: &[Group]) -> Vec<Difference> {
+    let all: Vec<&Group> = groups.iter().collect();
+    let values = |key: &String| groups.iter().map(|g| g.settings.get(key).cloned().unwrap_or(Value::Null)).collect();
+    differing_keys(&all).into_iter().map(|key| Difference { values: values(&key), key }).collect()
 }
 
 impl ArmLevel {
@@ -190,49 +289,52 @@ impl ArmLevel {
     }
 }
 
-/// Every trained level's map and step limit, in the order of the first curriculum that has it.
-fn maps(runs: &[Loaded], warnings: &mut Vec<String>) -> Vec<(String, (String, u32))> {
-    let mut maps: Vec<(String, (String, u32))> = Vec::new();
-    let longest_first = {
-        let mut runs: Vec<&Loaded> = runs.iter().collect();
-        runs.sort_by_key(|run| std::cmp::Reverse(run.manifest.stages.len()));
-        runs
-    };
-    for run in longest_first {
-        let max_steps = run.manifest.config.get("max_steps").and_then(Value::as_u64).unwrap_or(0) as u32;
+/// A level as its runs had it.
+#[derive(Clone, Debug, PartialEq)]
+struct Trained {
+    level: String,
+    map: String,
+    max_steps: u32,
+}
+
+impl Trained {
+    fn planned(&self) -> Planned {
+        let level = Level::from_map(self.level.clone(), &self.map).ok().map(Arc::new);
+        level.map_or(Planned { astar: None, optimal: None }, |level| Planned::new(&level, self.max_steps))
+    }
+}
+
+/// Every trained level, in the order of the longest curriculum that has it.
+fn trained_levels(runs: &[Loaded]) -> Result<Vec<Trained>, UserError> {
+    let mut levels: Vec<Trained> = Vec::new();
+    let mut runs: Vec<&Loaded> = runs.iter().collect();
+    runs.sort_by_key(|run| Reverse(run.manifest.stages.len()));
+    for run in runs {
         for stage in &run.manifest.stages {
-            match maps.iter().find(|(name, _)| *name == stage.level) {
-                None => maps.push((stage.level.clone(), (stage.map.clone(), max_steps))),
-                Some((_, known)) if *known != (stage.map.clone(), max_steps) => {
-                    let path = run.path.display();
-                    warnings
-                        .push(format!("{path}: its level {} has another map or step limit than others'", stage.level));
+            let max_steps = run.manifest.max_steps();
+            let here = Trained { level: stage.level.clone(), map: stage.map.clone(), max_steps };
+            match levels.iter().find(|known| known.level == here.level) {
+                None => levels.push(here),
+                Some(known) if *known != here => {
+                    return Err(UserError::new(format!(
+                        "{}: its level {} has another map or step limit than others': compare runs on the same levels",
+                        run.path.display(),
+                        stage.level
+                    )));
                 }
                 Some(_) => {}
             }
         }
     }
-    maps
-}
-
-/// The settings in which each arm differs from the first.
-fn arm_differences(arms: &BTreeMap<String, Vec<&Loaded>>) -> Vec<String> {
-    let mut arms = arms.iter();
-    let Some((first_name, first)) = arms.next() else { return Vec::new() };
-    let of_arm = |(name, runs): (&String, &Vec<&Loaded>)| {
-        let keys = differences(&first[0].manifest.config, &runs[0].manifest.config);
-        let keys: Vec<String> = keys.into_iter().filter(|key| !key.starts_with("name:")).collect();
-        let keys = if keys.is_empty() { "none".to_owned() } else { keys.join("; ") };
-        format!("{first_name} | {name}: {keys}")
-    };
-    arms.map(of_arm).collect()
+    Ok(levels)
 }
 
 /// Warns of an L2 penalty that cannot have acted.
-fn weak_dose(name: &str, runs: &[&Loaded]) -> Option<String> {
-    let dose = &runs[0].manifest.dose;
-    let number = |key: &str| dose.get(key).and_then(Value::as_f64);
-    match dose.get("l2")?.as_str()? {
+fn weak_dose(group: &Group) -> Option<String> {
+    let doses = || group.runs.iter().map(|run| &run.manifest.dose);
+    let number = |key: &str| doses().find_map(|dose| dose.get(key)?.as_f64());
+    let name = &group.name;
+    match doses().find_map(|dose| dose.get("l2")?.as_str())? {
         "adamw" => {
             let (planned, shrink) = (number("planned_shrink")?, number("shrink")?);
             (1.0 - shrink < WEAK).then(|| {
@@ -245,11 +347,12 @@ fn weak_dose(name: &str, runs: &[&Loaded]) -> Option<String> {
             })
         }
         "adam" | "loss" => {
-            let ratios: Vec<f64> = dose.get("l2_ratio")?.as_array()?.iter().filter_map(Value::as_f64).collect();
-            let largest = ratios.iter().copied().fold(f64::NAN, f64::max);
+            let ratios = doses().filter_map(|dose| dose.get("l2_ratio")?.as_array()).flatten();
+            let largest = ratios.filter_map(Value::as_f64).fold(f64::NAN, f64::max);
             (largest < WEAK).then(|| {
                 format!(
-                    "{name}: its L2 is too weak to act: its gradient is at most {:.2}% of the loss's",
+                    "{name}: its L2 may be too weak to act: its gradient is at most {:.2}% of the loss's on average of \
+                     a stage",
                     100.0 * largest
                 )
             })

@@ -5,14 +5,14 @@ pub mod map;
 pub mod study;
 mod table;
 
-pub use table::{Cell, Format, Table};
+pub use table::{Cell, Format, Table, render};
 
-use crate::evaluate::Evaluation;
+use crate::results::{Evaluation, LevelResult};
 
 /// Evaluations as a table: a row per policy and level.
 pub fn evaluations(evaluations: &[Evaluation]) -> Table {
     let columns = ["policy", "level", "mean", "std", "min", "max", "solved", "episodes"];
-    let row = |evaluation: &Evaluation, level: &crate::evaluate::LevelResult| {
+    let row = |evaluation: &Evaluation, level: &LevelResult| {
         let mut policy = evaluation.policy.clone();
         if let Some(seed) = evaluation.seed {
             policy += &format!(" seed {seed}");
@@ -38,12 +38,4 @@ pub fn evaluations(evaluations: &[Evaluation]) -> Table {
         rows: rows.collect(),
         notes: Vec::new(),
     }
-}
-
-/// Mean and population standard deviation.
-fn mean_std(values: &[f64]) -> (f64, f64) {
-    let count = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / count;
-    let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / count;
-    (mean, variance.sqrt())
 }

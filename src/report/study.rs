@@ -6,9 +6,10 @@ use coverage_env::Level;
 use coverage_env::planner::{AStar, Optimal, Planner};
 use serde::Serialize;
 
-use super::{Cell, Table, mean_std};
+use super::{Cell, Table};
 use crate::curriculum::Curriculum;
 use crate::evaluate::{self, Starts};
+use crate::results::mean_std;
 use crate::run::evaluations::{Phase, Row, level_result};
 
 /// What the planners earn on a level, on average over every start cell.
@@ -52,34 +53,45 @@ pub fn after_stage(curriculum: &Curriculum, stage: u16, runs: &[Vec<Row>], plann
         let results: Vec<_> = runs.iter().filter_map(of_run).collect();
         let shares: Vec<f64> = results.iter().map(|result| result.solved_share).collect();
         let means: Vec<f64> = results.iter().map(|result| result.mean).collect();
-        let (mean, std) = match &results[..] {
-            [one] => (one.mean, one.std),
-            _ => mean_std(&means),
+        let (returns, solved) = match &results[..] {
+            [] => (Cell::Missing, Cell::Missing),
+            [one] => (Cell::MeanStd(one.mean, one.std), Cell::Number(100.0 * one.solved_share, 1)),
+            _ => {
+                let (mean, std) = mean_std(&means);
+                (Cell::MeanStd(mean, std), Cell::Number(100.0 * mean_std(&shares).0, 1))
+            }
         };
         vec![
             level.name().into(),
             trained(curriculum, stage, level.name()).into(),
-            Cell::MeanStd(mean, std),
-            Cell::Number(100.0 * mean_std(&shares).0, 1),
+            returns,
+            solved,
             planned_cell(planned.astar),
             planned_cell(planned.optimal),
         ]
     };
+    let has_stage = |rows: &&Vec<Row>| rows.iter().any(|row| row.phase == Phase::After && row.stage == stage);
     let columns = ["level", "trained", "return", "solved %", "A*", "optimal"];
     Table {
         title: format!("Return on every level after the stage on level {last}"),
         columns: columns.map(str::to_owned).to_vec(),
         rows: curriculum.levels.iter().zip(planned).map(row).collect(),
-        notes: vec![deviation_note(runs.len())],
+        notes: vec![deviation_note(runs.iter().filter(has_stage).count())],
     }
 }
 
 /// The matrix of returns: a row per stage, a column per level.
 pub fn matrix(curriculum: &Curriculum, runs: &[Vec<Row>], planned: &[Planned]) -> Table {
     let mean_of = |phase, stage, level: &Arc<Level>| {
-        let result = |rows: &Vec<Row>| Some(level_result(rows, phase, stage, level.name())?.mean);
-        let means: Vec<f64> = runs.iter().filter_map(result).collect();
-        if means.is_empty() { Cell::Missing } else { Cell::Number(mean_std(&means).0, 2) }
+        let result = |rows: &Vec<Row>| level_result(rows, phase, stage, level.name());
+        match &runs.iter().filter_map(result).collect::<Vec<_>>()[..] {
+            [] => Cell::Missing,
+            [one] => Cell::MeanStd(one.mean, one.std),
+            results => {
+                let (mean, std) = mean_std(&results.iter().map(|result| result.mean).collect::<Vec<f64>>());
+                Cell::MeanStd(mean, std)
+            }
+        }
     };
     let row = |label: String, phase, stage| {
         let cells = curriculum.levels.iter().map(|level| mean_of(phase, stage, level));
@@ -99,10 +111,7 @@ pub fn matrix(curriculum: &Curriculum, runs: &[Vec<Row>], planned: &[Planned]) -
         title: "Mean return on each level (columns) after each stage (rows: level last trained on)".to_owned(),
         columns: ["last trained on".to_owned()].into_iter().chain(levels).collect(),
         rows,
-        notes: vec![match runs.len() {
-            1 => "Means over every start cell of one seed.".to_owned(),
-            seeds => format!("Means over {seeds} seeds and every start cell."),
-        }],
+        notes: vec![deviation_note(runs.len())],
     }
 }
 

@@ -44,6 +44,28 @@ pub enum Cell {
     Missing,
 }
 
+/// Several tables as one text; in CSV each row says first which table it belongs to.
+pub fn render(tables: &[Table], format: Format) -> String {
+    match format {
+        Format::Json => {
+            let tables: Vec<Value> = tables.iter().map(Table::to_json).collect();
+            json!({ "tables": tables }).to_string() + "\n"
+        }
+        Format::Csv if tables.len() > 1 => {
+            let named = |table: &Table| {
+                let quoted = format!("\"{}\"", table.title.replace('"', "\"\""));
+                let mut lines = String::new();
+                for (i, line) in table.csv().lines().enumerate() {
+                    lines += &format!("{},{line}\n", if i == 0 { "table" } else { quoted.as_str() });
+                }
+                lines
+            };
+            tables.iter().map(named).collect::<Vec<_>>().join("\n")
+        }
+        format => tables.iter().map(|table| table.render(format)).collect::<Vec<_>>().join("\n"),
+    }
+}
+
 impl From<&str> for Cell {
     fn from(text: &str) -> Self {
         Self::Text(text.to_owned())

@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
 use super::atomic;
-use crate::evaluate::{Episode, LevelResult};
+use crate::results::{Episode, LevelResult};
 
 /// When an evaluation was made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -90,5 +90,5 @@ pub fn read(run: &Path) -> Result<Vec<Row>> {
 pub fn level_result(rows: &[Row], phase: Phase, stage: u16, level: &str) -> Option<LevelResult> {
     let here = rows.iter().filter(|row| row.phase == phase && row.stage == stage && row.level == level);
     let episodes: Vec<Episode> = here.map(|row| row.episode.clone()).collect();
-    (!episodes.is_empty()).then(|| LevelResult::of_episodes(level.to_owned(), episodes))
+    (!episodes.is_empty()).then(|| LevelResult::new(level, episodes))
 }

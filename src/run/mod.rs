@@ -21,7 +21,7 @@ use crate::agent::network::Network;
 use crate::agent::state::AgentState;
 use crate::agent::{Metrics, Stage};
 use crate::error::UserError;
-use crate::evaluate::LevelResult;
+use crate::results::LevelResult;
 use checkpoint::{Checkpoint, Origin};
 use evaluations::{Phase, Row};
 use manifest::{Manifest, Status};

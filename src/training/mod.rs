@@ -1,6 +1,5 @@
 //! The loop: train a stage, evaluate on all levels, checkpoint; for every seed, on as many threads as there are jobs.
 
-mod dose;
 pub mod progress;
 
 use std::collections::VecDeque;
@@ -19,12 +18,12 @@ use crate::agent::state::AgentState;
 use crate::agent::{self, Backend, Metrics, Stage};
 use crate::config::Config;
 use crate::curriculum::Curriculum;
-use crate::evaluate::{self, Choose, LevelResult, Starts};
+use crate::dose::Dose;
+use crate::evaluate::{self, Choose, Starts};
+use crate::results::LevelResult;
 use crate::run::evaluations::{Phase, Row};
 use crate::run::manifest::{self, Host, Manifest, StageEntry, Status, Versions, now};
 use crate::run::{Opened, RunDir};
-
-pub use dose::{Dose, WEAK};
 
 /// Everything that one start of training needs.
 #[derive(Clone, Debug)]

@@ -60,7 +60,7 @@ fn settings(algo: &'static str) -> impl Strategy<Value = Setting> {
             "learning_rate=1e-2".to_owned(),
         ];
         sets.extend((l2 != "none").then(|| format!("l2_coef={coef}")));
-        let config = config::resolve(Some(algo), None, &sets).expect("valid settings");
+        let config = config::resolve(Some(algo), None, &sets, None).expect("valid settings");
         Some(Setting { level: Arc::new(level), config, seeds: seeds.0, seed: seeds.1 })
     })
 }

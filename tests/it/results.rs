@@ -47,9 +47,7 @@ fn a_baseline_prints_as_designed() {
     let sandbox = Sandbox::new();
     let evaluation = sandbox.json("baseline optimal --levels narrow.yaml");
     // From (0, 0) right, right; from (0, 1) right; from (1, 0) up first; from (1, 2) up.
-    let episode = |start: [usize; 2], return_: i64, length: u32| {
-        json!({ "start": start, "return": return_, "length": length, "solved": true })
-    };
+    let episode = |start: [usize; 2], return_: i64, length: u32| json!({ "start": start, "return": return_, "length": length, "solved": true });
     let episodes = [episode([0, 0], 31, 2), episode([0, 1], 32, 1), episode([1, 0], 30, 3), episode([1, 2], 32, 1)];
     let mean = (31.0 + 32.0 + 30.0 + 32.0) / 4.0;
     let std = f64::sqrt(11.0) / 4.0;
@@ -174,9 +172,8 @@ fn runs_are_compared() {
     sandbox.run("curriculum/eps/curriculum/seed-0").unfinish(1);
     let comparison = sandbox.json("compare runs --out tables");
     assert_eq!(comparison["levels"], json!(["a", "b"]));
-    let differences = comparison["differences"].to_string();
-    assert!(differences.contains("eps | ppo: adam_eps: 1e-8 → 0.00001"), "{differences}");
-    assert!(!differences.contains("learning_rate"), "{differences}");
+    // Nothing but eps differs, and it is told for every arm.
+    assert_eq!(comparison["differences"], json!([{ "key": "adam_eps", "values": [1e-8, 1e-5] }]));
     let warnings = comparison["warnings"].to_string();
     assert!(warnings.contains("eps/curriculum/seed-0: 1 of 2 stages are done (unfinished)"), "{warnings}");
 
@@ -197,6 +194,31 @@ fn runs_are_compared() {
         assert!(sandbox.path("tables").join(name).is_file(), "{name}");
     }
     assert!(sandbox.fails(2, "compare tables").contains("tables holds no run"));
+}
+
+#[test]
+fn runs_of_one_name_but_differing_settings_are_never_pooled() {
+    let sandbox = Sandbox::new();
+    sandbox.succeeds("train --config ppo.yaml --level a.yaml --out one");
+    sandbox.succeeds("train --config ppo.yaml --level a.yaml --out two --set learning_rate=0.01");
+    let comparison = sandbox.json("compare one two");
+    let names: Vec<&str> =
+        comparison["arms"].as_array().expect("arms").iter().filter_map(|a| a["name"].as_str()).collect();
+    assert_eq!(names, ["ppo (afresh) [learning_rate=0.001]", "ppo (afresh) [learning_rate=0.01]"]);
+
+    sandbox.succeeds("train --config ppo.yaml --level a.yaml --out three");
+    let error = sandbox.fails(2, "compare one three");
+    assert!(error.contains("one/ppo/level-a/seed-0 and three/ppo/level-a/seed-0 are the same seed"), "{error}");
+    sandbox.json("compare one one/ppo");
+}
+
+#[test]
+fn a_curriculum_prints_one_document() {
+    let sandbox = Sandbox::new();
+    let tables = sandbox.json("curriculum --config ppo.yaml --levels a.yaml,b.yaml --format json");
+    assert_eq!(tables["tables"].as_array().map(Vec::len), Some(2));
+    // Once more from the finished runs.
+    assert_eq!(sandbox.json("curriculum --config ppo.yaml --levels a.yaml,b.yaml --resume --format json"), tables);
 }
 
 #[test]

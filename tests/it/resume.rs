@@ -160,7 +160,7 @@ fn a_damaged_run_is_refused_in_words() {
 
     fs::write(&path, &whole).expect("writable");
     fs::write(run.0.join("manifest.json"), "{").expect("writable");
-    let error = sandbox.fails(1, &resume);
+    let error = sandbox.fails(2, &resume);
     assert!(error.contains("manifest.json is not a manifest"), "{error}");
 }
 

@@ -11,12 +11,12 @@ fn what_a_config_writes_it_reads() {
     let changed = ["num_envs=3".to_owned(), "hidden=[7, 5]".to_owned(), "learning_rate=1.25e-7".to_owned()];
     for preset in preset_names() {
         for sets in [&[][..], &changed] {
-            let config = config::resolve(Some(preset), None, sets).expect("a preset is valid");
+            let config = config::resolve(Some(preset), None, sets, None).expect("a preset is valid");
             sandbox.write("config.yaml", config.to_yaml());
-            let read = config::resolve(None, Some(&sandbox.path("config.yaml")), &[]).expect("what we wrote");
+            let read = config::resolve(None, Some(&sandbox.path("config.yaml")), &[], None).expect("what we wrote");
             assert_eq!(read, config, "{preset}");
             let sets: Vec<String> = config.to_json().iter().map(|(key, value)| format!("{key}={value}")).collect();
-            assert_eq!(config::resolve(None, None, &sets).expect("what we wrote"), config, "{preset}");
+            assert_eq!(config::resolve(None, None, &sets, None).expect("what we wrote"), config, "{preset}");
         }
     }
 }
@@ -26,7 +26,7 @@ fn later_layers_win() {
     let sandbox = Sandbox::new();
     sandbox.write("file.yaml", "extends: ppo-eps\ngamma: 0.5\nclip_range: 0.1\n");
     let sets = ["gamma=0.25".to_owned(), "gamma=0.75".to_owned()];
-    let config = config::resolve(None, Some(&sandbox.path("file.yaml")), &sets).expect("valid");
+    let config = config::resolve(None, Some(&sandbox.path("file.yaml")), &sets, None).expect("valid");
     let json = config.to_json();
     assert_eq!((json["gamma"].as_f64(), json["clip_range"].as_f64()), (Some(0.75), Some(0.1)));
     assert_eq!((json["adam_eps"].as_f64(), json["gae_lambda"].as_f64()), (Some(1e-8), Some(0.95)));
@@ -39,8 +39,8 @@ fn deep_nesting_is_refused() {
     let nested = |depth| format!("gamma: {}{}\n", "[".repeat(depth), "]".repeat(depth));
     for depth in [100, 100_000] {
         sandbox.write("nested.yaml", nested(depth));
-        assert!(config::resolve(Some("ppo"), Some(&sandbox.path("nested.yaml")), &[]).is_err());
-        assert!(config::resolve(Some("ppo"), None, &[format!("gamma={}", "[".repeat(depth))]).is_err());
+        assert!(config::resolve(Some("ppo"), Some(&sandbox.path("nested.yaml")), &[], None).is_err());
+        assert!(config::resolve(Some("ppo"), None, &[format!("gamma={}", "[".repeat(depth))], None).is_err());
     }
 }
 
@@ -57,7 +57,7 @@ proptest! {
         let sandbox = tempfile::tempdir().expect("a temporary folder");
         let path = sandbox.path().join("config.yaml");
         std::fs::write(&path, bytes).expect("writable");
-        match config::resolve(Some("ppo"), Some(&path), &[]) {
+        match config::resolve(Some("ppo"), Some(&path), &[], None) {
             Ok(config) => prop_assert!(["ppo", "dqn"].contains(&config.algorithm.name())),
             Err(error) => prop_assert!(error.to_string().contains("config.yaml")),
         }
@@ -70,12 +70,12 @@ proptest! {
         "(gamma|hidden|l2|l2_coef|name|timesteps|clip_range|kernel)=[-a-z0-9.e\\[\\], ]{0,12}",
         (r"timesteps=|hidden=\[|gamma=0\.", any::<u64>()).prop_map(|(key, n)| format!("{key}{n}")),
     ]) {
-        match config::resolve(Some("ppo"), None, std::slice::from_ref(&text)) {
+        match config::resolve(Some("ppo"), None, std::slice::from_ref(&text), None) {
             Err(error) => prop_assert!(!error.to_string().is_empty()),
             Ok(config) => {
                 let sets: Vec<String> =
                     config.to_json().iter().map(|(key, value)| format!("{key}={value}")).collect();
-                prop_assert_eq!(config::resolve(None, None, &sets).expect("what we wrote"), config);
+                prop_assert_eq!(config::resolve(None, None, &sets, None).expect("what we wrote"), config);
             }
         }
     }

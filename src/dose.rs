@@ -94,7 +94,7 @@ impl Dose {
             "planned_shrink": decoupled(self.planned_shrink),
             "shrink": decoupled(self.shrink),
             "weight_norm": self.weight_norms,
-            "l2_ratio": if self.l2 == L2::None { &[] } else { &self.ratios[..] },
+            "l2_ratio": if matches!(self.l2, L2::Adam | L2::Loss) { &self.ratios[..] } else { &[] },
         })
     }
 }

@@ -1,0 +1,34 @@
+//! What goes to stdout.
+
+use std::io::{self, Write};
+
+use anyhow::{Context, Result};
+use serde_json::json;
+
+use crate::report::{self, Format};
+use crate::results::Evaluation;
+
+/// Prints evaluations to stdout; as JSON one object for one of them, a list within an object for several.
+///
+/// # Errors
+/// A stdout that cannot be written.
+pub(super) fn print_evaluations(evaluations: &[Evaluation], format: Format) -> Result<()> {
+    let text = match (format, evaluations) {
+        (Format::Json, [one]) => serde_json::to_string(one)? + "\n",
+        (Format::Json, all) => json!({ "evaluations": all }).to_string() + "\n",
+        (format, _) => report::evaluations(evaluations).render(format),
+    };
+    write_stdout(&text)
+}
+
+/// Writes to stdout; a reader that has gone (`| head`) is no error.
+///
+/// # Errors
+/// Any other that stdout has.
+pub(super) fn write_stdout(text: &str) -> Result<()> {
+    let mut stdout = io::stdout().lock();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error).context("cannot write to stdout"),
+        _ => Ok(()),
+    }
+}
