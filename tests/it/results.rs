@@ -46,8 +46,10 @@ fn planners_earn_what_was_measured_independently() {
 fn a_baseline_prints_as_designed() {
     let sandbox = Sandbox::new();
     let evaluation = sandbox.json("baseline optimal --levels narrow.yaml");
+    fn episode(start: [usize; 2], earned: i64, length: u32) -> Value {
+        json!({ "start": start, "return": earned, "length": length, "solved": true })
+    }
     // From (0, 0) right, right; from (0, 1) right; from (1, 0) up first; from (1, 2) up.
-    let episode = |start: [usize; 2], return_: i64, length: u32| json!({ "start": start, "return": return_, "length": length, "solved": true });
     let episodes = [episode([0, 0], 31, 2), episode([0, 1], 32, 1), episode([1, 0], 30, 3), episode([1, 2], 32, 1)];
     let mean = (31.0 + 32.0 + 30.0 + 32.0) / 4.0;
     let std = f64::sqrt(11.0) / 4.0;
