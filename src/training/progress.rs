@@ -90,7 +90,7 @@ impl Progress {
                 self.line(&format!("seed {seed} goes on after {timesteps} timesteps"));
             }
             Event::StageDone { seed, stage } => {
-                self.line(&format!("seed {seed}: stage {stage} of {} done", self.stages - 1));
+                self.line(&format!("seed {seed}: stage {stage} is done, the last is {}", self.stages - 1));
             }
             Event::Failed { seed, why } => self.important(&format!("seed {seed} failed: {why}")),
         }
@@ -156,7 +156,8 @@ impl Progress {
         let left = indicatif::HumanDuration(left);
         format!(
             "{:5.1}%  {done} of {} timesteps  {rate:.0}/s  about {left} left  return {:.1} over {} seeds",
-            100.0 * done as f64 / self.total as f64,
+            // PPO goes on to the end of its rollout, past the timesteps asked for.
+            (100.0 * done as f64 / self.total as f64).min(100.0),
             self.total,
             mean_return(&self.seeds),
             self.seeds.len()

@@ -217,10 +217,10 @@ fn runs_of_one_name_but_differing_settings_are_never_pooled() {
 #[test]
 fn a_curriculum_prints_one_document() {
     let sandbox = Sandbox::new();
-    let tables = sandbox.json("curriculum --config ppo.yaml --levels a.yaml,b.yaml --format json");
+    let tables = sandbox.json("curriculum --config ppo.yaml --levels a.yaml,b.yaml");
     assert_eq!(tables["tables"].as_array().map(Vec::len), Some(2));
     // Once more from the finished runs.
-    assert_eq!(sandbox.json("curriculum --config ppo.yaml --levels a.yaml,b.yaml --resume --format json"), tables);
+    assert_eq!(sandbox.json("curriculum --config ppo.yaml --levels a.yaml,b.yaml --resume"), tables);
 }
 
 #[test]

@@ -65,6 +65,15 @@ pub enum LevelDefect {
     /// There is no `map` key, or it has no value.
     #[error("no map; add a `map: |` block with indented rows of '.', '#' and 'T'")]
     NoMap,
+    /// The name is a built-in level's, and the map is not.
+    #[error(
+        "the name {name:?} belongs to a built-in level with another map, so that results could not be told apart; \
+         give this level a `name:` of its own"
+    )]
+    TakenName {
+        /// The name, given or the file's stem.
+        name: String,
+    },
     /// The name is empty, too long, or not fit for a path.
     #[error(
         "the name {name:?} is empty, longer than {MAX_NAME_BYTES} bytes, or has control characters, '/' or '\\'; choose another"

@@ -34,7 +34,7 @@ impl Level {
     /// The built-in level called `id`, one of [`BUILTIN_IDS`].
     pub fn builtin(id: &str) -> Option<Level> {
         let index = BUILTIN_IDS.iter().position(|&builtin| builtin == id)?;
-        Level::from_yaml(id, BUILTIN_FILES[index]).ok()
+        parse_file(id, BUILTIN_FILES[index]).ok()
     }
 
     /// The built-in level of that id, or else the level in the file at that path.
@@ -81,9 +81,10 @@ impl Level {
     ///
     /// # Errors
     /// [`LevelError`] with `source` as its origin if the bytes are too many, not UTF-8, not YAML or
-    /// not of this form, or if the map breaks a level's [guarantees](Level#guarantees).
+    /// not of this form, if the map breaks a level's [guarantees](Level#guarantees), or if the name is a
+    /// built-in level's and the map is not.
     pub fn from_yaml(source: &str, bytes: &[u8]) -> Result<Level, LevelError> {
-        parse_file(source, bytes).map_err(|defect| LevelError::new(source, defect))
+        parse_file(source, bytes).and_then(refuse_taken_name).map_err(|defect| LevelError::new(source, defect))
     }
 
     /// The text of a file from which [`from_yaml`](Level::from_yaml) reads an equal level.
@@ -108,6 +109,14 @@ fn parse_file(source: &str, bytes: &[u8]) -> Result<Level, LevelDefect> {
     let map = file.map.ok_or(LevelDefect::NoMap)?;
     let stem = || Path::new(source).file_stem().unwrap_or_default().to_string_lossy().into_owned();
     Level::parse(&file.name.unwrap_or_else(stem), &map)
+}
+
+/// Refuses a level that could be taken for a built-in one.
+fn refuse_taken_name(level: Level) -> Result<Level, LevelDefect> {
+    match Level::builtin(level.name()) {
+        Some(builtin) if builtin != level => Err(LevelDefect::TakenName { name: level.name().to_owned() }),
+        _ => Ok(level),
+    }
 }
 
 /// The text of `bytes` without its byte order mark. NUL is valid UTF-8, yet in a file it means

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use coverage_env::level::MAX_FILE_BYTES;
-use coverage_env::{Action, BUILTIN_IDS, Cell, Level};
+use coverage_env::{Action, BUILTIN_IDS, Cell, Level, LevelDefect};
 use proptest::prelude::*;
 
 use crate::support::levels;
@@ -162,4 +162,14 @@ proptest! {
             }
         }
     }
+}
+
+#[test]
+fn the_names_of_built_in_levels_are_taken() {
+    let error = Level::from_yaml("mine/3.yaml", b"map: |\n  T.\n").expect_err("another map");
+    assert!(matches!(error.defect(), LevelDefect::TakenName { name } if name == "3"), "{error}");
+    assert!(error.to_string().contains("mine/3.yaml") && error.to_string().contains("`name:`"), "{error}");
+    let builtin = Level::builtin("3").expect("a built-in level");
+    assert_eq!(Level::from_yaml("elsewhere/3.yaml", builtin.to_yaml().as_bytes()).expect("the same map"), builtin);
+    assert!(Level::from_yaml("mine/3.yaml", b"name: mine\nmap: |\n  T.\n").is_ok());
 }
