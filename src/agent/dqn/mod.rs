@@ -1,7 +1,7 @@
 //! Deep Q-learning (Mnih et al. 2015), as Stable-Baselines3 2.9 has it.
 //!
-//! [`Dqn::step`] is one step of the environments and, every `train_freq` of them, an update. The networks' arithmetic
-//! is behind [`DqnUpdater`], once with libtorch and once fused.
+//! Its loop is `Dqn::step`: every environment makes a step, and every `train_freq` of them an update follows. The
+//! networks' arithmetic is behind [`DqnUpdater`], once with libtorch and once fused.
 
 mod autograd;
 mod fused;
