@@ -112,6 +112,11 @@ impl RunDir {
         Err(UserError::new(format!("{} {message}", path.display())).into())
     }
 
+    /// Starts the run's clock, which stood while it waited for its turn.
+    pub fn take_up(&mut self) {
+        self.since.0 = Instant::now();
+    }
+
     /// Where it is.
     pub fn path(&self) -> &Path {
         &self.path

@@ -270,6 +270,7 @@ impl Cohort {
         let network = agent::network(&experiment.config, experiment.level(0));
         let yaml = experiment.config.to_yaml();
         for run in &mut self.runs {
+            run.dir.take_up();
             run.attempt(events, |run| {
                 run.dir.write_config(&yaml)?;
                 if run.dir.stages_done() > 0 {
