@@ -1,10 +1,11 @@
 //! What a person sees of a training: bars on a terminal, plain lines elsewhere.
 
 use std::collections::BTreeMap;
+use std::fmt::Write;
 use std::io::{IsTerminal, stderr};
 use std::time::{Duration, Instant};
 
-use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressState, ProgressStyle};
 
 use super::{Event, Experiment};
 use crate::error::tell;
@@ -63,8 +64,12 @@ impl Progress {
             View::Quiet
         } else if stderr().is_terminal() {
             let all = MultiProgress::new();
-            let style = "{bar:30} {percent:>3}%  {human_pos}/{human_len} timesteps  {per_sec}  left {eta}  {msg}";
+            let style = "{bar:30} {percent:>3}%  {human_pos}/{human_len} timesteps  {rate}  left {eta}  {msg}";
             let style = ProgressStyle::with_template(style).unwrap_or_else(|_| ProgressStyle::default_bar());
+            let style = style.with_key("rate", |state: &ProgressState, out: &mut dyn Write| {
+                // A rate that cannot be written is not shown.
+                let _ = write!(out, "{:.0}/s", state.per_sec());
+            });
             let bar = all.add(ProgressBar::new(total).with_style(style));
             View::Bars { all, total: bar, seeds: BTreeMap::new() }
         } else {
