@@ -13,4 +13,5 @@ pub mod evaluate;
 pub mod report;
 pub mod results;
 pub mod run;
+pub mod study;
 pub mod training;

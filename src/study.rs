@@ -1,0 +1,238 @@
+//! A study: several arms, each through a curriculum, on each of its levels afresh, or both.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use coverage_env::Level;
+use serde::Deserialize;
+use serde_saphyr::Spanned;
+
+use crate::agent::{self, Backend, Stage};
+use crate::config::{self, Config};
+use crate::curriculum::Curriculum;
+use crate::error::UserError;
+
+/// The published study and its controls, which needs no file.
+const PAPER: &str = include_str!("../configs/paper.yaml");
+/// A larger file is none of ours.
+const MAX_FILE_BYTES: u64 = 1 << 20;
+/// How long a trial of an arm's speed runs at least.
+const TRIAL: Duration = Duration::from_millis(250);
+
+/// What is trained, resolved and validated.
+#[derive(Clone, Debug)]
+pub struct Study {
+    /// Its name; also that of its folder.
+    pub name: String,
+    /// The levels, in the order of the curriculum.
+    pub levels: Vec<Level>,
+    /// What is trained on them.
+    pub arms: Vec<StudyArm>,
+}
+
+/// One arm of a study.
+#[derive(Clone, Debug)]
+pub struct StudyArm {
+    /// Its settings.
+    pub config: Config,
+    /// How it is trained, in this order.
+    pub trains: Vec<Training>,
+}
+
+/// How an arm is trained.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Training {
+    /// One agent through all levels.
+    Curriculum,
+    /// A new agent on each level alone.
+    Afresh,
+}
+
+/// The file, key by key.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    name: String,
+    levels: Vec<Spanned<LevelId>>,
+    arms: Vec<Spanned<Arm>>,
+}
+
+/// A level's id or path; `0` need not be quoted.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum LevelId {
+    Number(u64),
+    Text(String),
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Arm {
+    algo: Option<String>,
+    config: Option<PathBuf>,
+    #[serde(default)]
+    set: Vec<String>,
+    trains: BTreeSet<Training>,
+}
+
+impl Study {
+    /// The published study: `configs/paper.yaml`; `timesteps` replaces the arms' own.
+    ///
+    /// # Errors
+    /// `timesteps` out of range.
+    pub fn paper(timesteps: Option<u64>) -> Result<Self> {
+        Self::parse(PAPER, Path::new("configs/paper.yaml"), timesteps)
+    }
+
+    /// Reads a study's file; paths in it are relative to it.
+    ///
+    /// # Errors
+    /// The first thing in it that cannot be taken, with its line and column where they are known.
+    pub fn read(path: &Path, timesteps: Option<u64>) -> Result<Self> {
+        let error = |problem: String| UserError::new(format!("{}: {problem}", path.display()));
+        let cannot = |e: std::io::Error| error(format!("cannot read the study: {e}"));
+        let size = std::fs::metadata(path).map_err(cannot)?.len();
+        if size > MAX_FILE_BYTES {
+            let message = format!("{size} bytes are too many for a study (at most {MAX_FILE_BYTES})");
+            return Err(error(message).into());
+        }
+        let bytes = std::fs::read(path).map_err(cannot)?;
+        let text = String::from_utf8(bytes).map_err(|_| error("not UTF-8 text: save it as UTF-8".to_owned()))?;
+        Self::parse(&text, path, timesteps)
+    }
+
+    fn parse(text: &str, path: &Path, timesteps: Option<u64>) -> Result<Self> {
+        let file: File = serde_saphyr::from_str(text).map_err(|e| {
+            let at = e.location().map(|l| format!(":{}:{}", l.line(), l.column())).unwrap_or_default();
+            UserError::new(format!("{}{at}: not a study: {}", path.display(), e.without_snippet()))
+        })?;
+        let beside = |other: &Path| path.parent().unwrap_or(Path::new("")).join(other);
+        let level = |id: &Spanned<LevelId>| -> Result<Level> {
+            Ok(match &id.value {
+                LevelId::Number(number) => Level::resolve(&number.to_string())?,
+                LevelId::Text(text) => match Level::builtin(text) {
+                    Some(level) => level,
+                    None => Level::from_path(&beside(Path::new(text)))?,
+                },
+            })
+        };
+        let levels = file.levels.iter().map(level).collect::<Result<Vec<_>>>()?;
+
+        let mut arms: Vec<StudyArm> = Vec::new();
+        for arm in &file.arms {
+            let at = format!("{}:{}:{}", path.display(), arm.referenced.line(), arm.referenced.column());
+            let refuse = |problem: String| Err(UserError::new(format!("{at}: {problem}")).into());
+            let Arm { algo, config, set, trains } = &arm.value;
+            let config = config::resolve(algo.as_deref(), config.as_deref().map(beside).as_deref(), set, timesteps)
+                .map_err(|e| UserError::new(format!("{at}: this arm: {e}")))?;
+            if trains.is_empty() {
+                return refuse("trains: name curriculum, afresh or both".to_owned());
+            }
+            if arms.iter().any(|other| other.config.name == config.name) {
+                let message = "stands twice: give one of them a name of its own with set: [name=…]";
+                return refuse(format!("the arm {} {message}", config.name));
+            }
+            arms.push(StudyArm { config, trains: trains.iter().copied().collect() });
+        }
+        if arms.is_empty() {
+            return Err(UserError::new(format!("{}: arms: name at least one", path.display())).into());
+        }
+        // What a sequence refuses, equal names say, is refused before anything is trained.
+        Curriculum::sequence(levels.clone(), 1)?;
+        Ok(Self { name: file.name, levels, arms })
+    }
+
+    /// Everything that is trained, an experiment each: arm by arm, the curriculum first.
+    ///
+    /// # Errors
+    /// Those of [`Curriculum::sequence`].
+    pub fn experiments(&self) -> Result<Vec<(&Config, Curriculum)>> {
+        let mut experiments = Vec::new();
+        for StudyArm { config, trains } in &self.arms {
+            for training in trains {
+                match training {
+                    Training::Curriculum => {
+                        experiments.push((config, Curriculum::sequence(self.levels.clone(), config.timesteps)?));
+                    }
+                    Training::Afresh => {
+                        let single = |level: &Level| (config, Curriculum::single(level.clone(), config.timesteps));
+                        experiments.extend(self.levels.iter().map(single));
+                    }
+                }
+            }
+        }
+        Ok(experiments)
+    }
+}
+
+/// Timesteps per second of one seed of `config` on one thread of this machine, by a trial of a fraction of a second.
+pub fn measure_rate(config: &Config, level: &Level, backend: Backend) -> f64 {
+    // Nothing of the trial is kept, so that any seed will do.
+    let agent = agent::fresh(config, level, 0);
+    let stage = Stage { index: 0, level: level.clone().into(), timesteps: u64::MAX };
+    let mut learner = agent::learner(config, &stage, vec![agent], backend);
+    learner.advance();
+    let (start, before) = (Instant::now(), learner.timesteps());
+    while start.elapsed() < TRIAL {
+        learner.advance();
+    }
+    (learner.timesteps() - before) as f64 / start.elapsed().as_secs_f64()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Result<Study> {
+        Study::parse(text, Path::new("study.yaml"), None)
+    }
+
+    #[test]
+    fn the_paper_has_its_arms_and_levels() {
+        let study = Study::paper(None).unwrap();
+        let names: Vec<&str> = study.arms.iter().map(|arm| arm.config.name.as_str()).collect();
+        assert_eq!(names, ["dqn", "ppo", "ppo-l2", "ppo-eps", "ppo-l2-dohare"]);
+        let experiments = study.experiments().unwrap();
+        // Five curricula, and four arms on five levels afresh.
+        assert_eq!(experiments.len(), 5 + 4 * 5);
+        let timesteps: u64 = experiments.iter().map(|(_, curriculum)| curriculum.timesteps()).sum();
+        assert_eq!(timesteps, 2 * 5_000_000 + 7 * 2_500_000);
+        let short = Study::paper(Some(1000)).unwrap();
+        assert!(short.arms.iter().all(|arm| arm.config.timesteps == 1000));
+    }
+
+    #[test]
+    fn an_arm_may_have_settings_and_a_name_of_its_own() {
+        let text = "name: mine\nlevels: [\"0\", 3]\narms:\n  - {algo: ppo, trains: [curriculum]}\n  \
+                    - {algo: ppo, set: [name=fast, learning_rate=3e-4], trains: [afresh]}\n";
+        let study = parse(text).unwrap();
+        assert_eq!(study.levels.iter().map(Level::name).collect::<Vec<_>>(), ["0", "3"]);
+        assert_eq!(study.arms[1].config.name, "fast");
+        assert_eq!(study.arms[1].config.optimizer.learning_rate, 3e-4);
+        assert_eq!(study.arms[1].trains, [Training::Afresh]);
+    }
+
+    #[test]
+    fn mistakes_are_named_with_their_place() {
+        let with = |levels: &str, arms: &str| format!("name: x\nlevels: {levels}\narms:\n{arms}");
+        let one = "  - {algo: ppo, trains: [curriculum]}\n";
+        for (text, says) in [
+            (with("[0]", "  - {algo: pop, trains: [afresh]}\n"), "study.yaml:4:5: this arm: --algo: unknown preset"),
+            (with("[0]", "  - {algo: ppo, trains: []}\n"), "study.yaml:4:5: trains"),
+            (with("[0]", "  - {algo: ppo, trains: [twice]}\n"), "study.yaml:4"),
+            (with("[0]", &one.repeat(2)), "study.yaml:5:5: the arm ppo stands twice"),
+            (with("[0, 0]", one), "stands twice"),
+            (with("[9]", one), "9"),
+            (with("[absent.yaml]", one), "absent.yaml"),
+            ("name: x\nlevels: [0]\narms: []\n".to_owned(), "at least one"),
+            ("name: x\nlevels: [0]\n".to_owned(), "missing field"),
+            ("nmae: x".to_owned(), "nmae"),
+        ] {
+            let error = format!("{:#}", parse(&text).unwrap_err());
+            assert!(error.contains(says), "{text:?}: {error}");
+        }
+    }
+}
