@@ -1,0 +1,209 @@
+//! Stratified bootstrap: percentile intervals of any statistic of `scores[task][run]`.
+
+use chacha20::ChaCha8Rng;
+use rand::{Rng, SeedableRng};
+use serde::{Deserialize, Serialize};
+
+/// How intervals are made.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bootstrap {
+    /// How often the runs are resampled.
+    pub resamples: usize,
+    /// The share of the resampled statistics that an interval holds, such as 0.95.
+    pub confidence: f64,
+    /// Seed of the draws. The same seed and numbers of runs are the same draws, on every machine.
+    pub seed: u64,
+}
+
+/// The bounds of an interval.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Interval {
+    /// The lower bound.
+    pub low: f64,
+    /// The upper bound.
+    pub high: f64,
+}
+
+/// A statistic and how far other runs might move it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// The statistic of the runs as they are.
+    pub value: f64,
+    /// Its interval; none where a task has fewer than two runs, or the value is no finite number.
+    pub interval: Option<Interval>,
+    /// The least number of runs that a task has.
+    pub runs: usize,
+}
+
+/// Which runs each resample takes: `indices[resample][task][run]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Resamples {
+    /// Runs per task.
+    sizes: Vec<usize>,
+    /// Resample after resample, task after task.
+    indices: Vec<u32>,
+}
+
+/// Indices that do not fit the runs they are to resample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ShapeError;
+
+impl std::fmt::Display for ShapeError {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        write!(f, "resampling indices must name one run of its own task for every run of every task")
+    }
+}
+
+impl std::error::Error for ShapeError {}
+
+impl Default for Bootstrap {
+    /// 95% intervals of 2,000 resamples, rliable's defaults.
+    fn default() -> Self {
+        Self { resamples: 2000, confidence: 0.95, seed: 0 }
+    }
+}
+
+impl Bootstrap {
+    /// The statistic with its interval.
+    pub fn estimate(&self, scores: &[Vec<f64>], statistic: impl Fn(&[Vec<f64>]) -> f64) -> Estimate {
+        let runs = scores.iter().map(Vec::len).min().unwrap_or(0);
+        let value = statistic(scores);
+        let interval = (runs > 1 && value.is_finite()).then(|| {
+            let mut distribution = self.resamples(scores).distribution(scores, statistic);
+            percentile_interval(&mut distribution, self.confidence)
+        });
+        Estimate { value, interval, runs }
+    }
+
+    /// The draws for scores of this shape.
+    pub fn resamples(&self, scores: &[Vec<f64>]) -> Resamples {
+        let sizes: Vec<usize> = scores.iter().map(Vec::len).collect();
+        Resamples::draw(&sizes, self.resamples, self.seed)
+    }
+}
+
+impl Resamples {
+    /// Draws runs with replacement, each task by itself.
+    pub fn draw(sizes: &[usize], resamples: usize, seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        // The upper half of a 64 × 64 bit product; for n runs its bias is below n / 2⁶⁴.
+        let mut below = |n: usize| ((u128::from(rng.next_u64()) * n as u128) >> 64) as u32;
+        let mut indices = Vec::with_capacity(resamples * sizes.iter().sum::<usize>());
+        for _ in 0..resamples {
+            indices.extend(sizes.iter().flat_map(|&size| std::iter::repeat_n(size, size)).map(&mut below));
+        }
+        Self { sizes: sizes.to_vec(), indices }
+    }
+
+    /// Takes indices made elsewhere, `[resample][task][run]`.
+    ///
+    /// # Errors
+    /// Indices that do not fit `sizes`, the numbers of runs of the tasks.
+    pub fn given(sizes: &[usize], indices: &[Vec<Vec<usize>>]) -> Result<Self, ShapeError> {
+        let mut flat = Vec::new();
+        for resample in indices {
+            let fits = |(task, &size): (&Vec<usize>, &usize)| task.len() == size && task.iter().all(|&run| run < size);
+            if resample.len() != sizes.len() || !resample.iter().zip(sizes).all(fits) {
+                return Err(ShapeError);
+            }
+            for &run in resample.iter().flatten() {
+                flat.push(u32::try_from(run).map_err(|_| ShapeError)?);
+            }
+        }
+        Ok(Self { sizes: sizes.to_vec(), indices: flat })
+    }
+
+    /// The statistic of every resample, in order.
+    ///
+    /// # Panics
+    /// If the scores have not the numbers of runs that the indices were made for.
+    pub fn distribution(&self, scores: &[Vec<f64>], statistic: impl Fn(&[Vec<f64>]) -> f64) -> Vec<f64> {
+        assert!(scores.iter().map(Vec::len).eq(self.sizes.iter().copied()), "indices of another shape");
+        let runs: usize = self.sizes.iter().sum();
+        let mut resampled = scores.to_vec();
+        let of_resample = |indices: &[u32]| {
+            let mut indices = indices.iter();
+            for (into, from) in resampled.iter_mut().zip(scores) {
+                into.iter_mut().zip(&mut indices).for_each(|(score, &run)| *score = from[run as usize]);
+            }
+            statistic(&resampled)
+        };
+        self.indices.chunks(runs.max(1)).map(of_resample).collect()
+    }
+}
+
+/// The percentile interval of a bootstrap distribution, which is sorted on the way.
+pub fn percentile_interval(distribution: &mut [f64], confidence: f64) -> Interval {
+    distribution.sort_unstable_by(f64::total_cmp);
+    let tail = (1.0 - confidence) / 2.0;
+    Interval { low: quantile(distribution, tail), high: quantile(distribution, 1.0 - tail) }
+}
+
+/// The quantile at `share` of ascending values, interpolated linearly between neighbours (Hyndman & Fan's type 7,
+/// NumPy's default); NaN of none.
+pub fn quantile(sorted: &[f64], share: f64) -> f64 {
+    let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
+    let place = share * last as f64;
+    let (below, part) = (sorted[place.floor() as usize], place.fract());
+    let above = sorted[place.ceil() as usize];
+    // Of two infinities there is no difference to interpolate.
+    if part == 0.0 || below == above { below } else { below + part * (above - below) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::aggregate::mean;
+
+    #[test]
+    fn quantiles_are_interpolated() {
+        let values = [1.0, 2.0, 4.0, 8.0];
+        assert_eq!([0.0, 0.5, 1.0].map(|share| quantile(&values, share)), [1.0, 3.0, 8.0]);
+        assert_eq!(quantile(&values, 0.25), 1.75);
+        assert_eq!(quantile(&[1.0, f64::INFINITY, f64::INFINITY], 0.75), f64::INFINITY);
+        assert!(quantile(&[], 0.5).is_nan());
+    }
+
+    #[test]
+    fn a_task_is_resampled_from_its_own_runs() {
+        let scores = [vec![1.0, 2.0, 3.0], vec![10.0, 20.0]];
+        let resamples = Resamples::draw(&[3, 2], 500, 7);
+        let sums = resamples.distribution(&scores, |s| {
+            assert!(s[0].iter().all(|score| *score < 4.0) && s[1].iter().all(|score| *score > 4.0));
+            mean(s)
+        });
+        assert_eq!(sums.len(), 500);
+        assert_eq!(resamples, Resamples::draw(&[3, 2], 500, 7));
+        assert_ne!(resamples, Resamples::draw(&[3, 2], 500, 8));
+    }
+
+    #[test]
+    fn an_interval_needs_two_runs() {
+        let bootstrap = Bootstrap::default();
+        let one = bootstrap.estimate(&[vec![1.0, 2.0], vec![3.0]], mean);
+        assert_eq!((one.value, one.interval, one.runs), (2.25, None, 1));
+        assert_eq!(bootstrap.estimate(&[vec![f64::NAN, 1.0]], mean).interval, None);
+        let two = bootstrap.estimate(&[vec![0.0, 1.0]], mean);
+        // A quarter of the resamples is (0, 0), a quarter (1, 1).
+        assert_eq!(two.interval, Some(Interval { low: 0.0, high: 1.0 }));
+    }
+
+    /// The mean of n normal scores has the standard error σ/√n; the percentile interval comes near 1.96 of them.
+    #[test]
+    fn the_interval_of_a_mean_has_the_expected_width() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut uniform = || rng.next_u64() as f64 / u64::MAX as f64;
+        let scores: Vec<f64> = (0..400).map(|_| (0..12).map(|_| uniform()).sum::<f64>() - 6.0).collect();
+        let Estimate { interval, .. } = Bootstrap { resamples: 4000, ..Default::default() }.estimate(&[scores], mean);
+        let width = interval.map_or(f64::NAN, |interval| interval.high - interval.low);
+        assert!((width / (2.0 * 1.96 / 20.0) - 1.0).abs() < 0.15, "{width}");
+    }
+
+    #[test]
+    fn given_indices_are_checked() {
+        let fine = vec![vec![vec![0, 0], vec![2, 1, 0]]];
+        assert!(Resamples::given(&[2, 3], &fine).is_ok());
+        assert_eq!(Resamples::given(&[2, 2], &fine), Err(ShapeError));
+        assert_eq!(Resamples::given(&[2, 3], &[vec![vec![0, 2], vec![0, 0, 0]]]), Err(ShapeError));
+    }
+}
