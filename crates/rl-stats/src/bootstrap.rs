@@ -57,7 +57,7 @@ impl std::fmt::Display for ShapeError {
 impl std::error::Error for ShapeError {}
 
 impl Default for Bootstrap {
-    /// 95% intervals of 2,000 resamples, rliable's defaults.
+    /// 95% intervals of 2,000 resamples.
     fn default() -> Self {
         Self { resamples: 2000, confidence: 0.95, seed: 0 }
     }
