@@ -9,7 +9,7 @@ pub mod state;
 mod choice;
 mod episodes;
 mod fused;
-mod stacked;
+pub(crate) mod stacked;
 
 use std::sync::Arc;
 
@@ -33,6 +33,10 @@ pub trait Learner: Send {
     fn advance(&mut self) -> Vec<Metrics>;
     /// Timesteps of this stage so far, the same for each seed.
     fn timesteps(&self) -> u64;
+    /// What [`timesteps`](Self::timesteps) will be after the next [`advance`](Self::advance).
+    fn next_timesteps(&self) -> u64;
+    /// θ of one seed as it is now, `[P]`; seeds are counted in their order here.
+    fn parameters(&self, seed: usize) -> &[f32];
     /// The agents as they are now.
     fn states(&self) -> Vec<AgentState>;
 }

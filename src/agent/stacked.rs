@@ -6,7 +6,7 @@
 use bit_mlp::{Activation, Batch, GradientNorms};
 use tch::{Device, IndexOp, Kind, Tensor};
 
-use super::network::Network;
+use super::network::{Network, Tower};
 use super::state::{AdamState, AgentState};
 use crate::config::{L2, L2Covers, OptimizerConfig};
 
@@ -35,6 +35,7 @@ pub struct Stacked {
 /// The layers of one tower for all seeds.
 pub struct TowerViews {
     layers: Vec<LayerViews>,
+    activation: Activation,
 }
 
 /// One layer for all seeds.
@@ -78,38 +79,14 @@ impl Stacked {
     }
 
     /// The layers of every tower as views into `parameters`, `[S, P]`.
-    ///
-    /// One split for all of them: its gradient is one concatenation, where a slice each would give a full `[S, P]`
-    /// tensor each.
     pub fn towers(&self, parameters: &Tensor) -> Vec<TowerViews> {
-        let places = self.network.tensors();
-        let sizes: Vec<i64> = places.iter().map(|place| place.range.len() as i64).collect();
-        let mut parts = parameters.split_with_sizes(sizes, 1).into_iter();
-        let mut view = |inputs: i64, outputs: usize| {
-            let Some(part) = parts.next() else { unreachable!("there are as many parts as tensors") };
-            part.view([-1, inputs, outputs as i64])
-        };
-        let mut layer = |layer: bit_mlp::Layer| LayerViews {
-            weight: view(layer.inputs as i64, layer.outputs),
-            bias: view(1, layer.outputs),
-        };
-        let towers = self.network.towers().iter();
-        towers.map(|tower| TowerViews { layers: tower.mlp.layers().map(&mut layer).collect() }).collect()
+        TowerViews::all(&self.network, parameters)
     }
 
     /// Outputs `[S, B, out]` of a tower on `inputs` `[S, B, in]`.
     pub fn forward(&self, tower: &TowerViews, inputs: &Tensor) -> Tensor {
-        let mut hidden = inputs.shallow_clone();
-        for (i, layer) in tower.layers.iter().enumerate() {
-            hidden = layer.bias.baddbmm(&hidden, &layer.weight, 1.0, 1.0);
-            if i + 1 < tower.layers.len() {
-                hidden = match self.network.activation() {
-                    Activation::Tanh => hidden.tanh(),
-                    Activation::Relu => hidden.relu(),
-                };
-            }
-        }
-        hidden
+        let Some(outputs) = tower.activations(inputs).pop() else { unreachable!("a tower has an output layer") };
+        outputs
     }
 
     /// One step of clipped Adam down the gradient of each seed's `loss`, `[S]`.
@@ -163,18 +140,58 @@ impl Stacked {
 
     /// Inputs as floats `[S, B, in]`; seeds with fewer samples than others are padded with zeros.
     pub fn dense(&self, batches: &[Batch<'_>]) -> Tensor {
-        let inputs = self.network.num_inputs();
-        let samples = batches.iter().map(Batch::len).max().unwrap_or(0);
-        let mut floats = vec![0.0f32; batches.len() * samples * inputs];
-        for (s, batch) in batches.iter().enumerate() {
-            for b in 0..batch.len() {
-                let out = &mut floats[(s * samples + b) * inputs..][..inputs];
-                batch.constant().iter().chain(batch.sample(b)).for_each(|&i| out[usize::from(i)] = 1.0);
-            }
-        }
-        let shape = [batches.len() as i64, samples as i64, inputs as i64];
-        Tensor::from_slice(&floats).view(shape).to_device(self.device)
+        dense(self.network.num_inputs(), batches).to_device(self.device)
     }
+}
+
+impl TowerViews {
+    /// The towers of `network` as views into `parameters`, `[S, P]`.
+    ///
+    /// One split for all of them: its gradient is one concatenation, where a slice each would give a full `[S, P]`
+    /// tensor each.
+    pub fn all(network: &Network, parameters: &Tensor) -> Vec<Self> {
+        let places = network.tensors();
+        let sizes: Vec<i64> = places.iter().map(|place| place.range.len() as i64).collect();
+        let mut parts = parameters.split_with_sizes(sizes, 1).into_iter();
+        let mut view = |inputs: i64, outputs: usize| {
+            let Some(part) = parts.next() else { unreachable!("there are as many parts as tensors") };
+            part.view([-1, inputs, outputs as i64])
+        };
+        let mut layer = |layer: bit_mlp::Layer| LayerViews {
+            weight: view(layer.inputs as i64, layer.outputs),
+            bias: view(1, layer.outputs),
+        };
+        let activation = network.activation();
+        let tower = |tower: &Tower| Self { layers: tower.mlp.layers().map(&mut layer).collect(), activation };
+        network.towers().iter().map(tower).collect()
+    }
+
+    /// What leaves each layer on `inputs` `[S, B, in]`, `[S, B, out]` each: activated in all but the last.
+    pub fn activations(&self, inputs: &Tensor) -> Vec<Tensor> {
+        let mut activations: Vec<Tensor> = Vec::with_capacity(self.layers.len());
+        for (i, layer) in self.layers.iter().enumerate() {
+            let sums = layer.bias.baddbmm(activations.last().unwrap_or(inputs), &layer.weight, 1.0, 1.0);
+            activations.push(match self.activation {
+                _ if i + 1 == self.layers.len() => sums,
+                Activation::Tanh => sums.tanh(),
+                Activation::Relu => sums.relu(),
+            });
+        }
+        activations
+    }
+}
+
+/// Binary samples as floats `[S, B, inputs]`; rows with fewer samples than others are padded with zeros.
+pub fn dense(inputs: usize, batches: &[Batch<'_>]) -> Tensor {
+    let samples = batches.iter().map(Batch::len).max().unwrap_or(0);
+    let mut floats = vec![0.0f32; batches.len() * samples * inputs];
+    for (s, batch) in batches.iter().enumerate() {
+        for b in 0..batch.len() {
+            let out = &mut floats[(s * samples + b) * inputs..][..inputs];
+            batch.constant().iter().chain(batch.sample(b)).for_each(|&i| out[usize::from(i)] = 1.0);
+        }
+    }
+    Tensor::from_slice(&floats).view([batches.len() as i64, samples as i64, inputs as i64])
 }
 
 /// The Euclidean norm of each row, `[S, 1]`.

@@ -233,15 +233,10 @@ impl Dqn {
 
 impl Learner for Dqn {
     fn advance(&mut self) -> Vec<Metrics> {
-        let before = self.timesteps;
-        let (due, horizon) = ((before / LOG_INTERVAL + 1) * LOG_INTERVAL, self.horizon);
+        let (before, end) = (self.timesteps, self.next_timesteps());
         self.seeds.iter_mut().for_each(|seed| seed.losses = Losses::default());
-        loop {
+        while self.timesteps < end {
             self.step();
-            let whole = (self.timesteps / self.num_envs as u64).is_multiple_of(self.config.train_freq);
-            if whole && self.timesteps >= due.min(horizon) {
-                break;
-            }
         }
         for (s, seed) in self.seeds.iter_mut().enumerate() {
             seed.agent.counters.timesteps += self.timesteps - before;
@@ -252,6 +247,17 @@ impl Learner for Dqn {
 
     fn timesteps(&self) -> u64 {
         self.timesteps
+    }
+
+    /// The next multiple of the log's interval, or the end of the stage, but whole blocks of `train_freq` steps.
+    fn next_timesteps(&self) -> u64 {
+        let due = (self.timesteps / LOG_INTERVAL + 1) * LOG_INTERVAL;
+        let block = self.config.train_freq * self.num_envs as u64;
+        due.min(self.horizon).max(self.timesteps + 1).next_multiple_of(block)
+    }
+
+    fn parameters(&self, seed: usize) -> &[f32] {
+        &self.seeds[seed].agent.parameters
     }
 
     fn states(&self) -> Vec<AgentState> {

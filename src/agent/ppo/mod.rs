@@ -246,6 +246,14 @@ impl Learner for Ppo {
         self.seeds[0].timesteps
     }
 
+    fn next_timesteps(&self) -> u64 {
+        self.timesteps() + (self.config.n_steps * self.seeds[0].envs.len()) as u64
+    }
+
+    fn parameters(&self, seed: usize) -> &[f32] {
+        &self.seeds[seed].agent.parameters
+    }
+
     fn states(&self) -> Vec<AgentState> {
         self.seeds.iter().map(|seed| seed.agent.clone()).collect()
     }
