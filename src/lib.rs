@@ -1,7 +1,7 @@
 //! Loss of plasticity in reinforcement learning on coverage path planning.
 //!
-//! Dependencies point downwards only: `cli` → `training`, `curriculum`, `evaluate`, `report` → `agent`, `run` →
-//! `coverage-env`, `bit-mlp`.
+//! Dependencies point downwards only: `cli` → `training`, `curriculum`, `evaluate`, `report` → `plasticity` →
+//! `agent`, `run` → `coverage-env`, `bit-mlp`.
 
 pub mod agent;
 pub mod cli;
@@ -10,6 +10,7 @@ pub mod curriculum;
 pub mod dose;
 pub mod error;
 pub mod evaluate;
+pub mod plasticity;
 pub mod report;
 pub mod results;
 pub mod run;

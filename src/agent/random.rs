@@ -20,6 +20,8 @@ pub enum Purpose {
     EvaluationStarts,
     /// Actions of an evaluation with `--stochastic`, and of the random planner.
     EvaluationActions,
+    /// Starts and actions that gather the reference batch of a level, on which plasticity is measured.
+    ReferenceStates,
 }
 
 impl Purpose {
@@ -32,6 +34,7 @@ impl Purpose {
             Self::EvaluationStarts => (3, 0),
             Self::EvaluationActions => (4, 0),
             Self::Environment(index) => (5, index),
+            Self::ReferenceStates => (6, 0),
         };
         u64::from(stage) << 48 | purpose << 32 | u64::from(index)
     }
@@ -134,6 +137,7 @@ mod tests {
             Purpose::EvaluationActions,
             Purpose::Environment(0),
             Purpose::Environment(1),
+            Purpose::ReferenceStates,
         ];
         let first = |seed, stage, purpose| Stream::new(seed, stage, purpose).next_u64();
         let of_seed = |seed| (0..3).flat_map(move |stage| purposes.map(|purpose| first(seed, stage, purpose)));
