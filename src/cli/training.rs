@@ -44,6 +44,9 @@ pub struct TrainingArgs {
     /// Where networks are computed: cpu, cuda or cuda:N.
     #[arg(long, value_name = "DEVICE", default_value = "cpu", value_parser = parse_device)]
     device: Device,
+    /// Timesteps between two measurements of plasticity (plasticity.csv); 0 for none. It changes no other result.
+    #[arg(long, value_name = "N", default_value_t = 65_536)]
+    plasticity_interval: u64,
     /// Threads that train [default: one per core].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
@@ -93,6 +96,7 @@ impl TrainingArgs {
             jobs: self.jobs.map_or(cores, usize::from),
             backend,
             resume: self.resume,
+            plasticity_interval: self.plasticity_interval,
             command: std::env::args().collect(),
         })
     }

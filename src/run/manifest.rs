@@ -39,6 +39,9 @@ pub struct Manifest {
     pub kernel: String,
     /// `cpu` or `cuda:N`.
     pub device: String,
+    /// Timesteps between two rows of `plasticity.csv`; 0 for none. It changes nothing else in a run.
+    #[serde(default)]
+    pub plasticity_interval: u64,
     /// Versions of everything that matters.
     pub versions: Versions,
     /// The machine.

@@ -25,7 +25,7 @@ use crate::results::LevelResult;
 use checkpoint::{Checkpoint, Origin};
 use evaluations::{Phase, Row};
 use manifest::{Manifest, Status};
-use progress::ProgressLog;
+use progress::{StageLog, plasticity_place, progress_place};
 
 pub use atomic::write as write_file;
 
@@ -33,7 +33,8 @@ pub use atomic::write as write_file;
 pub struct RunDir {
     path: PathBuf,
     manifest: Manifest,
-    progress: ProgressLog,
+    progress: StageLog,
+    plasticity: StageLog,
     evaluations: Vec<Row>,
     /// When this process took the run up, and the seconds spent before.
     since: (Instant, f64),
@@ -86,13 +87,15 @@ impl RunDir {
         } else if !finished {
             manifest.status = Status::Running;
             manifest.command.clone_from(&fresh.command);
+            manifest.plasticity_interval = fresh.plasticity_interval;
             manifest.versions = fresh.versions;
             manifest.host = fresh.host;
             manifest.write(path)?;
         }
         let since = (Instant::now(), manifest.seconds);
-        let progress = ProgressLog::open(&path.join("progress.csv"), done)?;
-        let dir = Self { path: path.to_owned(), manifest, progress, evaluations, since, _lock: lock };
+        let progress = StageLog::open(&path.join("progress.csv"), done)?;
+        let plasticity = StageLog::open(&path.join("plasticity.csv"), done)?;
+        let dir = Self { path: path.to_owned(), manifest, progress, plasticity, evaluations, since, _lock: lock };
         Ok(match agent {
             _ if finished => Opened::Finished(dir),
             None => Opened::Fresh(dir),
@@ -151,7 +154,21 @@ impl RunDir {
     /// # Errors
     /// Those of the file system.
     pub fn log(&mut self, stage: &Stage, timesteps: u64, cumulative: u64, metrics: &Metrics) -> Result<()> {
-        self.progress.append(stage, timesteps, cumulative, self.seconds(), metrics)
+        self.progress.append(&progress_place(stage, timesteps, cumulative, self.seconds()), metrics)
+    }
+
+    /// Appends a row to `plasticity.csv`: `timesteps` of the stage, and `measures`.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn log_plasticity(
+        &mut self,
+        stage: &Stage,
+        timesteps: u64,
+        cumulative: u64,
+        measures: &[(String, f64)],
+    ) -> Result<()> {
+        self.plasticity.append(&plasticity_place(stage, timesteps, cumulative), measures)
     }
 
     /// Writes results of all levels, `stage` stages being done (`Before`) or the stage just trained (`After`).
@@ -173,6 +190,7 @@ impl RunDir {
     /// Those of the file system.
     pub fn finish_stage(&mut self, stage: &Stage, network: &Network, agent: &AgentState, dose: Value) -> Result<()> {
         self.progress.sync()?;
+        self.plasticity.sync()?;
         let checkpoint = Checkpoint {
             network: network.clone(),
             agent: agent.clone(),

@@ -1,4 +1,4 @@
-//! `progress.csv`: a log that only grows, and is cut back to the last finished stage on resume.
+//! `progress.csv` and `plasticity.csv`: logs that only grow, and are cut back to the last finished stage on resume.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
@@ -6,21 +6,43 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
-use crate::agent::{Metrics, Stage};
+use crate::agent::Stage;
 
-/// The columns before those of the algorithm.
-const COLUMNS: [&str; 6] =
-    ["stage", "level", "time/total_timesteps", "cumulative_timesteps", "time/time_elapsed", "time/fps"];
+/// Where a row stands: the first columns of a log, of which the very first tells the stage.
+pub(super) type Place = Vec<(&'static str, String)>;
 
-/// The open log.
-pub(super) struct ProgressLog {
+/// The first columns of `progress.csv`; `elapsed` is in seconds.
+pub(super) fn progress_place(stage: &Stage, timesteps: u64, cumulative: u64, elapsed: f64) -> Place {
+    let fps = cumulative as f64 / elapsed.max(1e-9);
+    vec![
+        ("stage", stage.index.to_string()),
+        ("level", stage.level.name().to_owned()),
+        ("time/total_timesteps", timesteps.to_string()),
+        ("cumulative_timesteps", cumulative.to_string()),
+        ("time/time_elapsed", format!("{elapsed:.3}")),
+        ("time/fps", format!("{fps:.0}")),
+    ]
+}
+
+/// The first columns of `plasticity.csv`.
+pub(super) fn plasticity_place(stage: &Stage, timesteps: u64, cumulative: u64) -> Place {
+    vec![
+        ("stage", stage.index.to_string()),
+        ("level", stage.level.name().to_owned()),
+        ("timesteps", timesteps.to_string()),
+        ("cumulative_timesteps", cumulative.to_string()),
+    ]
+}
+
+/// An open log.
+pub(super) struct StageLog {
     path: PathBuf,
     file: File,
     /// Whether the header stands already.
     header: bool,
 }
 
-impl ProgressLog {
+impl StageLog {
     /// Opens the log for appending, cut back to the rows of the first `stages_done` stages.
     pub(super) fn open(path: &Path, stages_done: u16) -> Result<Self> {
         let open = || -> io::Result<(File, u64)> {
@@ -34,30 +56,16 @@ impl ProgressLog {
         Ok(Self { path: path.to_owned(), file, header: length > 0 })
     }
 
-    /// Adds one row.
-    pub(super) fn append(
-        &mut self,
-        stage: &Stage,
-        timesteps: u64,
-        cumulative: u64,
-        elapsed: f64,
-        metrics: &Metrics,
-    ) -> Result<()> {
+    /// Adds one row: where it stands, then names and values that are the same names in every row.
+    pub(super) fn append<N: AsRef<str>>(&mut self, place: &Place, values: &[(N, f64)]) -> Result<()> {
         let mut csv = csv::Writer::from_writer(Vec::new());
         if !self.header {
-            csv.write_record(COLUMNS.iter().copied().chain(metrics.iter().map(|(name, _)| *name)))?;
+            let place = place.iter().map(|(name, _)| *name);
+            csv.write_record(place.chain(values.iter().map(|(name, _)| name.as_ref())))?;
             self.header = true;
         }
-        let fps = cumulative as f64 / elapsed.max(1e-9);
-        let own = [
-            stage.index.to_string(),
-            stage.level.name().to_owned(),
-            timesteps.to_string(),
-            cumulative.to_string(),
-            format!("{elapsed:.3}"),
-            format!("{fps:.0}"),
-        ];
-        csv.write_record(own.into_iter().chain(metrics.iter().map(|(_, value)| value.to_string())))?;
+        let place = place.iter().map(|(_, cell)| cell.clone());
+        csv.write_record(place.chain(values.iter().map(|(_, value)| value.to_string())))?;
         // One write per row: a kill can cut a row short, but never mix two.
         self.file.write_all(&csv.into_inner()?).with_context(|| format!("cannot write {}", self.path.display()))
     }
@@ -98,10 +106,11 @@ mod tests {
         let path = directory.path().join("progress.csv");
         let level = Arc::new(Level::from_map("a,b", "T..").unwrap());
         let stage = |index| Stage { index, level: level.clone(), timesteps: 10 };
-        let write = |log: &mut ProgressLog, index| {
-            log.append(&stage(index), 10, 10 * u64::from(index), 1.5, &vec![("train/loss", 0.25)]).unwrap();
+        let write = |log: &mut StageLog, index| {
+            let place = progress_place(&stage(index), 10, 10 * u64::from(index), 1.5);
+            log.append(&place, &[("train/loss", 0.25)]).unwrap();
         };
-        let mut log = ProgressLog::open(&path, 0).unwrap();
+        let mut log = StageLog::open(&path, 0).unwrap();
         write(&mut log, 0);
         write(&mut log, 0);
         let one_stage = std::fs::read_to_string(&path).unwrap();
@@ -109,13 +118,13 @@ mod tests {
         let two_stages = std::fs::read_to_string(&path).unwrap();
         assert_eq!(two_stages.lines().nth(1), Some("0,\"a,b\",10,0,1.500,0,0.25"));
         std::fs::write(&path, two_stages.clone() + "1,\"a,").unwrap();
-        drop(ProgressLog::open(&path, 2).unwrap());
+        drop(StageLog::open(&path, 2).unwrap());
         assert_eq!(std::fs::read_to_string(&path).unwrap(), two_stages);
-        let mut log = ProgressLog::open(&path, 1).unwrap();
+        let mut log = StageLog::open(&path, 1).unwrap();
         assert_eq!(std::fs::read_to_string(&path).unwrap(), one_stage);
         write(&mut log, 1);
         assert_eq!(std::fs::read_to_string(&path).unwrap(), two_stages);
-        drop(ProgressLog::open(&path, 0).unwrap());
+        drop(StageLog::open(&path, 0).unwrap());
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "");
     }
 }

@@ -20,6 +20,7 @@ use crate::config::Config;
 use crate::curriculum::Curriculum;
 use crate::dose::Dose;
 use crate::evaluate::{self, Choose, Starts};
+use crate::plasticity::Monitor;
 use crate::results::LevelResult;
 use crate::run::evaluations::{Phase, Row};
 use crate::run::manifest::{self, Host, Manifest, StageEntry, Status, Versions, now};
@@ -42,6 +43,8 @@ pub struct Experiment {
     pub backend: Backend,
     /// Whether runs that are there already go on.
     pub resume: bool,
+    /// Timesteps between two measurements of plasticity; 0 for none.
+    pub plasticity_interval: u64,
     /// The command as it was typed, for the manifest.
     pub command: Vec<String>,
 }
@@ -202,6 +205,7 @@ impl Experiment {
                 Backend::Autograd(Device::Cuda(index)) => format!("cuda:{index}"),
                 _ => "cpu".to_owned(),
             },
+            plasticity_interval: self.plasticity_interval,
             versions: Versions::here(),
             host: Host::here(),
             command: self.command.clone(),
@@ -310,15 +314,21 @@ impl Cohort {
         let agents = self.runs.iter().map(|run| run.agent.clone()).collect();
         let before: Vec<u64> = self.runs.iter().map(|run| run.agent.counters.timesteps).collect();
         let mut learner = agent::learner(&experiment.config, stage, agents, experiment.backend);
+        let monitor = Monitor::new(experiment.plasticity_interval, &experiment.config, stage);
         while learner.timesteps() < stage.timesteps && self.runs.iter().any(|run| run.failure.is_none()) {
+            let measured = monitor.as_ref().and_then(|monitor| monitor.before(&*learner, self.runs.len()));
             let rows = learner.advance();
-            for ((run, row), before) in self.runs.iter_mut().zip(&rows).zip(&before) {
+            for (s, ((run, row), before)) in self.runs.iter_mut().zip(&rows).zip(&before).enumerate() {
                 let timesteps = before + learner.timesteps();
                 run.attempt(events, |run| {
                     check_finite(row, run.updates, timesteps)?;
                     run.updates = value(row, "train/n_updates");
                     run.dose.measure(row);
                     run.dir.log(stage, learner.timesteps(), timesteps, row)?;
+                    if let Some(measured) = &measured {
+                        let measures = measured.after(&*learner, s, value(row, "train/grad_norm"));
+                        run.dir.log_plasticity(stage, learner.timesteps(), timesteps, &measures)?;
+                    }
                     let (seed, stage, mean_return) = (run.agent.seed, stage.index, value(row, "rollout/ep_rew_mean"));
                     let _ = events.send(Event::Progress { seed, stage, timesteps, mean_return });
                     Ok(())

@@ -8,6 +8,7 @@ mod dqn_schedule;
 mod fixtures;
 mod kernels;
 mod numbers;
+mod plasticity;
 mod replay;
 mod results;
 mod resume;

@@ -1,0 +1,195 @@
+//! Measures of plasticity: the numbers that NumPy and PyTorch give (scripts/plasticity-oracle), and the log of a run.
+
+use bit_mlp::{Activation, BitBatch};
+use coverage_env::Level;
+use cpp_rl::config;
+use cpp_rl::plasticity::{Probe, measures};
+use serde_json::Value;
+use tch::Tensor;
+
+use crate::sandbox::{RunFiles, Sandbox};
+
+fn fixture() -> Value {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/plasticity.json");
+    serde_json::from_str(&std::fs::read_to_string(path).expect("the fixture is there")).expect("the fixture is JSON")
+}
+
+fn list(value: &Value) -> &[Value] {
+    value.as_array().expect("a list")
+}
+
+fn floats(value: &Value) -> Vec<f64> {
+    list(value).iter().map(|number| number.as_f64().expect("a number")).collect()
+}
+
+/// Asserts that the measures are those recorded, name by name, each within `tolerance` of its size.
+#[track_caller]
+fn assert_recorded(what: &str, actual: &[(String, f64)], expected: &Value, tolerance: f64) {
+    assert_eq!(actual.len(), expected.as_object().expect("measures").len(), "{what}: {actual:?}");
+    for (name, value) in actual {
+        let recorded = expected[name.as_str()].as_f64().unwrap_or_else(|| panic!("{what}: {name} is recorded"));
+        // A comparison that NaN fails.
+        let close = (value - recorded).abs() <= tolerance * recorded.abs();
+        assert!(close, "{what}: {name} is {value}, not {recorded}");
+    }
+}
+
+#[test]
+fn layers_measure_what_numpy_computes() {
+    for layer in list(&fixture()["layers"]) {
+        let rows: Vec<Vec<f64>> = list(&layer["activations"]).iter().map(floats).collect();
+        let shape = [rows.len() as i64, rows[0].len() as i64];
+        let activations = Tensor::from_slice(&rows.concat()).view(shape);
+        let activation = if layer["activation"] == "tanh" { Activation::Tanh } else { Activation::Relu };
+        let measured = measures::of_layer(&activations, activation).into_iter();
+        let measured: Vec<_> = measured.map(|(name, value)| (name.to_owned(), value)).collect();
+        assert_recorded(layer["name"].as_str().expect("a name"), &measured, &layer["measures"], 1e-12);
+    }
+}
+
+#[test]
+fn networks_measure_what_pytorch_computes() {
+    for network in list(&fixture()["networks"]) {
+        let text = |key: &str| network[key].as_str().expect("text");
+        let sets = [format!("activation={}", text("activation")), format!("hidden={}", network["hidden"])];
+        let config = config::resolve(Some(text("algorithm")), None, &sets, None).expect("valid settings");
+        let size = |key: &str| network[key].as_u64().expect("a number") as usize;
+        let map = vec![format!("T{}", ".".repeat(size("width") - 1)); size("height")].join("\n");
+        let level = Level::from_map("any of this size", &map).expect("a valid map");
+
+        let mut states = BitBatch::default();
+        for state in list(&network["states"]) {
+            states.push_sample(&floats(state).iter().map(|&input| input as u16).collect::<Vec<_>>());
+        }
+        let [before, after] = ["before", "after"]
+            .map(|key| floats(&network[key]).iter().map(|&parameter| parameter as f32).collect::<Vec<_>>());
+        let mut measured = Probe::new(cpp_rl::agent::network(&config, &level), states).measure(&before, &after, 0.25);
+        assert_eq!(measured.remove(0), ("plasticity/grad_norm".to_owned(), 0.25));
+        // The forward pass has 24 bits, theirs 53; what is counted is counted the same.
+        assert_recorded(text("algorithm"), &measured, &network["measures"], 1e-6);
+    }
+}
+
+/// Two stages of PPO, four rollouts of 64 timesteps each.
+const CURRICULUM: &str = "curriculum --levels a.yaml,b.yaml --config";
+
+fn run(sandbox: &Sandbox, algo: &str, out: &str) -> RunFiles {
+    RunFiles(sandbox.path(out).join(algo).join("curriculum/seed-0"))
+}
+
+/// The columns of a `plasticity.csv` and its rows.
+fn read(run: &RunFiles) -> (Vec<String>, Vec<csv::StringRecord>) {
+    let text = run.text("plasticity.csv");
+    let mut reader = csv::Reader::from_reader(text.as_bytes());
+    let columns = reader.headers().expect("a header").iter().map(str::to_owned).collect();
+    (columns, reader.records().map(|row| row.expect("a row as long as the header")).collect())
+}
+
+#[test]
+fn each_stage_is_measured_at_its_begin_its_end_and_between() {
+    let sandbox = Sandbox::new();
+    let measured = |algo: &str, interval: u32, options: &str| {
+        let out = format!("{algo}-{interval}");
+        sandbox.succeeds(&format!("{CURRICULUM} {algo}.yaml --plasticity-interval {interval} --out {out} {options}"));
+        let run = run(&sandbox, algo, &out);
+        assert_eq!(run.manifest()["plasticity_interval"], interval);
+        let (columns, rows) = read(&run);
+        assert_eq!(columns[..4], ["stage", "level", "timesteps", "cumulative_timesteps"]);
+        rows.iter().map(|row| row.iter().take(4).collect::<Vec<_>>().join(" ")).collect::<Vec<_>>()
+    };
+    let all = ["0 a 64 64", "0 a 128 128", "0 a 192 192", "0 a 256 256"];
+    let all = [all, ["1 b 64 320", "1 b 128 384", "1 b 192 448", "1 b 256 512"]].concat();
+    assert_eq!(measured("ppo", 1, ""), all);
+    let pick = |indices: &[usize]| indices.iter().map(|&i| all[i]).collect::<Vec<_>>();
+    assert_eq!(measured("ppo", 128, ""), pick(&[0, 1, 3, 4, 5, 7]));
+    assert_eq!(measured("ppo", 65_536, ""), pick(&[0, 3, 4, 7]));
+    // DQN has a row every 2,048 timesteps, and one at the end of a stage, on a whole block of four steps.
+    let rows = ["0 a 2048 2048", "0 a 4096 4096", "0 a 5004 5004", "1 b 2048 7052", "1 b 4096 9100", "1 b 5004 10008"];
+    assert_eq!(measured("dqn", 2048, "--timesteps 5002"), rows);
+    assert_eq!(measured("dqn", 10_000, "--timesteps 5002"), [rows[0], rows[2], rows[3], rows[5]]);
+}
+
+#[test]
+fn columns_name_towers_and_layers() {
+    let sandbox = Sandbox::new();
+    for (algo, towers, of_units, num_rows) in [
+        ("ppo", &["policy", "value"][..], &["saturated_units", "saturated_activations"][..], 4),
+        // The one row of a short stage is its first and its last.
+        ("dqn", &["q"], &["dead_units"], 2),
+    ] {
+        sandbox.succeeds(&format!("{CURRICULUM} {algo}.yaml --set hidden=[8,6] --out out"));
+        let (columns, rows) = read(&run(&sandbox, algo, "out"));
+        let mut expected =
+            ["grad_norm", "update_norm", "policy_churn"].map(|name| format!("plasticity/{name}")).to_vec();
+        for tower in towers {
+            for layer in 0..2 {
+                let hidden = ["weight_magnitude", "dormant_0.1", "dormant_0.025"].iter().chain(of_units);
+                let hidden = hidden.chain(&["effective_rank", "stable_rank", "rank_99"]);
+                expected.extend(hidden.map(|name| format!("plasticity/{tower}.{layer}/{name}")));
+            }
+            expected.push(format!("plasticity/{tower}.2/weight_magnitude"));
+        }
+        assert_eq!(columns[4..], expected);
+        assert_eq!(rows.len(), num_rows);
+        let rest = |row: &csv::StringRecord| row.iter().skip(4).map(|cell| cell.parse::<f64>()).collect::<Vec<_>>();
+        assert!(rows.iter().flat_map(rest).all(|value| value.is_ok_and(f64::is_finite)));
+    }
+}
+
+#[test]
+fn update_and_gradient_norms_are_those_of_the_row() {
+    let sandbox = Sandbox::new();
+    // Without a step size nothing changes.
+    sandbox.succeeds(&format!("{CURRICULUM} ppo.yaml --set learning_rate=1e-30 --out still --plasticity-interval 1"));
+    sandbox.succeeds(&format!("{CURRICULUM} ppo.yaml --out out --plasticity-interval 1"));
+    let column = |out: &str, name: &str| {
+        let (columns, rows) = read(&run(&sandbox, "ppo", out));
+        let at = columns.iter().position(|column| column == name).expect("a column");
+        rows.iter().map(|row| row[at].parse::<f64>().expect("a number")).collect::<Vec<_>>()
+    };
+    let still = |name| column("still", name).iter().all(|&value| value == 0.0);
+    assert!(still("plasticity/policy_churn"));
+    assert!(column("still", "plasticity/update_norm").iter().all(|&norm| norm < 1e-20));
+    assert!(column("out", "plasticity/update_norm").iter().all(|&norm| norm > 1e-3));
+    let logged = run(&sandbox, "ppo", "out").progress();
+    let logged = logged.iter().map(|row| row.iter().find(|(name, _)| name == "train/grad_norm").expect("a column"));
+    let logged: Vec<f64> = logged.map(|(_, value)| value.parse().expect("a number")).collect();
+    assert_eq!(column("out", "plasticity/grad_norm"), logged);
+}
+
+#[test]
+fn a_run_is_the_same_with_and_without_measures() {
+    let sandbox = Sandbox::new();
+    for (algo, kernel) in [("ppo", "fused"), ("dqn", "fused"), ("ppo", "autograd"), ("dqn", "autograd")] {
+        let train = |interval: u32| {
+            let out = format!("{kernel}-{interval}");
+            let options = format!("--set kernel={kernel} --timesteps 600 --out {out}");
+            sandbox.succeeds(&format!("{CURRICULUM} {algo}.yaml {options} --plasticity-interval {interval}"));
+            run(&sandbox, algo, &out)
+        };
+        let (with, without) = (train(1), train(0));
+        with.reproducible().assert_same(&without.reproducible());
+        assert!(!with.bytes("plasticity.csv").is_empty() && without.bytes("plasticity.csv").is_empty());
+    }
+}
+
+#[test]
+fn resuming_leaves_the_same_rows() {
+    let sandbox = Sandbox::new();
+    for algo in ["ppo", "dqn"] {
+        let command = format!("{CURRICULUM} {algo}.yaml --plasticity-interval 100 --out out");
+        sandbox.succeeds(&command);
+        let run = run(&sandbox, algo, "out");
+        let whole = run.bytes("plasticity.csv");
+        for stages in [1, 0] {
+            run.unfinish(stages);
+            sandbox.succeeds(&format!("{command} --resume"));
+            assert_eq!(run.bytes("plasticity.csv"), whole, "{algo} from stage {stages} on");
+        }
+        // The interval is no setting of the run: another one goes on with it.
+        run.unfinish(1);
+        sandbox.succeeds(&format!("{CURRICULUM} {algo}.yaml --plasticity-interval 0 --out out --resume"));
+        assert!(whole.starts_with(&run.bytes("plasticity.csv")) && run.bytes("plasticity.csv").len() < whole.len());
+        assert_eq!(run.manifest()["plasticity_interval"], 0);
+    }
+}
