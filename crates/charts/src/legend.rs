@@ -1,7 +1,7 @@
 //! The legend: a row of entries above the panels, in as many lines as they need.
 
 use crate::color::{Paint, Style};
-use crate::drawing::{Anchor, Drawing, Fill, Rect, Stroke};
+use crate::drawing::{Anchor, Drawing, Rect, Stroke};
 use crate::{font, reference};
 
 /// What stands before an entry's name.
@@ -61,8 +61,6 @@ impl Key {
         let right = left + self.width();
         match self {
             Self::Curve(style) => {
-                let band = Rect { left, top: middle - 2.6, width: KEY_WIDTH, height: 5.2 };
-                drawing.fill_rect(band, Fill { paint: style.paint(), opacity: 0.2 });
                 let stroke = Stroke { dash: style.dash(), ..Stroke::new(style.paint(), 1.4) };
                 drawing.line((left, middle), (right, middle), stroke);
             }

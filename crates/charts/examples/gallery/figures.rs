@@ -404,7 +404,7 @@ fn empty() -> Drawing {
         layout: Layout { columns: 3, panel_height: 60.0, ..Layout::default() },
         x: Axis::new("x"),
         y: Axis::new("y"),
-        panels: vec![panel("some", vec![some]), panel("NaN", vec![nan]), panel("nothing", Vec::new())],
+        panels: vec![panel("some", vec![some]), panel("not finite", vec![nan]), panel("nothing", Vec::new())],
         ..CurveChart::default()
     }
     .draw()
