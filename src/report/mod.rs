@@ -1,7 +1,9 @@
 //! From results to what people and programs read. Nothing here trains.
 
+pub mod analysis;
 pub mod compare;
 pub mod map;
+pub mod published;
 pub mod study;
 mod table;
 

@@ -1,0 +1,203 @@
+//! `progress.csv` and `plasticity.csv`, streamed: rows go into sums over stretches of training, and none is kept.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use csv::StringRecord;
+use rl_stats::curve::Curve as CurveSummary;
+
+use super::THRESHOLDS;
+use super::levels::LevelInfo;
+use crate::error::UserError;
+use crate::run::manifest::StageEntry;
+
+/// Points of a learning curve per stage, at most.
+const CURVE_BINS: usize = 100;
+/// Points of a plasticity measure per stage, at most.
+const PLASTICITY_BINS: usize = 25;
+/// The columns of `plasticity.csv` before the measures.
+const PLASTICITY_COLUMNS: [&str; 4] = ["stage", "level", "timesteps", "cumulative_timesteps"];
+
+/// What is kept of a run's logs.
+pub(super) struct Logs {
+    /// The learning curve of every stage.
+    pub(super) stages: Vec<StageLog>,
+    /// By measure, then stage; empty where none were logged.
+    pub(super) plasticity: BTreeMap<String, Vec<Bins>>,
+    /// Rows of `progress.csv`.
+    pub(super) rows: u64,
+    /// Those without a mean return.
+    pub(super) rows_without_return: u64,
+    /// Rows of both files that are cut off or no numbers.
+    pub(super) damaged_rows: u64,
+}
+
+/// The learning curve of one stage.
+pub(super) struct StageLog {
+    /// Of returns.
+    pub(super) bins: Bins,
+    /// Of normalised returns; none where the optimum is unknown.
+    pub(super) summary: Option<CurveSummary>,
+}
+
+/// A series cut into stretches of equal numbers of timesteps.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Bins {
+    /// Timesteps of a stretch.
+    width: f64,
+    pub(super) bins: Vec<Bin>,
+}
+
+/// The rows of one stretch.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Bin {
+    /// Sums over its rows of the stage's timesteps and of the timesteps of all stages so far.
+    pub(super) timesteps: f64,
+    pub(super) cumulative: f64,
+    pub(super) rows: f64,
+    /// Sum and number of its values; rows without one (NaN) left out.
+    value: f64,
+    values: f64,
+}
+
+impl Bins {
+    fn new(count: usize, timesteps: u64) -> Self {
+        Self { width: (timesteps as f64 / count as f64).max(1.0), bins: vec![Bin::default(); count] }
+    }
+
+    /// Takes in a row; those beyond the planned end (a rollout is always whole) belong to the last stretch.
+    fn push(&mut self, timesteps: f64, cumulative: f64, value: f64) {
+        let place = ((timesteps - 1.0).max(0.0) / self.width) as usize;
+        let place = place.min(self.bins.len() - 1);
+        let bin = &mut self.bins[place];
+        bin.timesteps += timesteps;
+        bin.cumulative += cumulative;
+        bin.rows += 1.0;
+        if !value.is_nan() {
+            bin.value += value;
+            bin.values += 1.0;
+        }
+    }
+}
+
+impl Bin {
+    /// The mean of its values; none where it has none.
+    pub(super) fn mean(&self) -> Option<f64> {
+        (self.values > 0.0).then(|| self.value / self.values)
+    }
+}
+
+impl Logs {
+    /// Reads both logs of a run; an absent file is one without rows.
+    pub(super) fn read(run: &Path, stages: &[StageEntry], levels: &[LevelInfo]) -> Result<Self> {
+        let levels: Vec<Option<&LevelInfo>> =
+            stages.iter().map(|stage| levels.iter().find(|level| level.name == stage.level)).collect();
+        let log = |(stage, level): (&StageEntry, &Option<&LevelInfo>)| StageLog {
+            bins: Bins::new(CURVE_BINS, stage.timesteps),
+            summary: level.is_some_and(|level| level.optimal.is_some()).then(|| CurveSummary::new(&THRESHOLDS)),
+        };
+        let mut logs = Self {
+            stages: stages.iter().zip(&levels).map(log).collect(),
+            plasticity: BTreeMap::new(),
+            rows: 0,
+            rows_without_return: 0,
+            damaged_rows: 0,
+        };
+        logs.read_progress(&run.join("progress.csv"), &levels)?;
+        logs.read_plasticity(&run.join("plasticity.csv"), stages)?;
+        Ok(logs)
+    }
+
+    fn read_progress(&mut self, path: &Path, levels: &[Option<&LevelInfo>]) -> Result<()> {
+        let Some(mut log) = Log::open(path)? else { return Ok(()) };
+        let columns = ["stage", "time/total_timesteps", "cumulative_timesteps", "rollout/ep_rew_mean"];
+        let columns = columns.into_iter().map(|name| log.column(name)).collect::<Result<Vec<usize>, _>>()?;
+        while let Some(row) = log.next(&columns)? {
+            let [stage, timesteps, cumulative, value] = row.as_deref().unwrap_or_default() else {
+                self.damaged_rows += 1;
+                continue;
+            };
+            let Some((log, level)) = self.stages.get_mut(*stage as usize).zip(levels.get(*stage as usize)) else {
+                self.damaged_rows += 1;
+                continue;
+            };
+            self.rows += 1;
+            self.rows_without_return += u64::from(value.is_nan());
+            log.bins.push(*timesteps, *cumulative, *value);
+            if let Some((summary, level)) = log.summary.as_mut().zip(*level) {
+                summary.push(*timesteps, level.normalised(*value).unwrap_or(f64::NAN));
+            }
+        }
+        Ok(())
+    }
+
+    fn read_plasticity(&mut self, path: &Path, stages: &[StageEntry]) -> Result<()> {
+        let Some(mut log) = Log::open(path)? else { return Ok(()) };
+        let own = ["stage", "timesteps", "cumulative_timesteps"];
+        let mut columns = own.into_iter().map(|name| log.column(name)).collect::<Result<Vec<usize>, _>>()?;
+        let is_measure = |(_, name): &(usize, &str)| !PLASTICITY_COLUMNS.contains(name);
+        let measures: Vec<(usize, &str)> = log.head.iter().enumerate().filter(is_measure).collect();
+        let bins: Vec<Bins> = stages.iter().map(|stage| Bins::new(PLASTICITY_BINS, stage.timesteps)).collect();
+        let mut series: Vec<(String, Vec<Bins>)> =
+            measures.iter().map(|(_, name)| ((*name).to_owned(), bins.clone())).collect();
+        columns.extend(measures.iter().map(|(place, _)| place));
+        while let Some(row) = log.next(&columns)? {
+            match row.as_deref() {
+                Some([stage, timesteps, cumulative, values @ ..]) if (*stage as usize) < stages.len() => {
+                    for ((_, bins), value) in series.iter_mut().zip(values) {
+                        bins[*stage as usize].push(*timesteps, *cumulative, *value);
+                    }
+                }
+                _ => self.damaged_rows += 1,
+            }
+        }
+        self.plasticity = series.into_iter().collect();
+        Ok(())
+    }
+}
+
+/// A log that is read row by row.
+struct Log {
+    path: PathBuf,
+    head: StringRecord,
+    reader: csv::Reader<File>,
+    record: StringRecord,
+}
+
+impl Log {
+    /// Opens a log; `None` where there is none, or not even a header.
+    fn open(path: &Path) -> Result<Option<Self>> {
+        let file = match File::open(path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            file => file.with_context(|| format!("cannot read {}", path.display()))?,
+        };
+        // A kill can cut the last row short.
+        let mut reader = csv::ReaderBuilder::new().flexible(true).from_reader(file);
+        let head = reader.headers().with_context(|| format!("cannot read {}", path.display()))?.clone();
+        let log = Self { path: path.to_owned(), head, reader, record: StringRecord::new() };
+        Ok((!log.head.is_empty()).then_some(log))
+    }
+
+    fn column(&self, name: &str) -> Result<usize, UserError> {
+        let place = self.head.iter().position(|column| column == name);
+        place.ok_or_else(|| UserError::new(format!("{} has no column {name}", self.path.display())))
+    }
+
+    /// The numbers of the next row in these columns, an empty field being NaN; `Some(None)` for a row that is cut off or
+    /// no numbers, `None` after the last.
+    fn next(&mut self, columns: &[usize]) -> Result<Option<Option<Vec<f64>>>> {
+        let more = self.reader.read_record(&mut self.record);
+        if !more.with_context(|| format!("cannot read {}", self.path.display()))? {
+            return Ok(None);
+        }
+        let number = |&column: &usize| match self.record.get(column)? {
+            "" => Some(f64::NAN),
+            field => field.parse().ok(),
+        };
+        let whole = self.record.len() == self.head.len();
+        Ok(Some(whole.then(|| columns.iter().map(number).collect::<Option<Vec<f64>>>()).flatten()))
+    }
+}
