@@ -1,7 +1,7 @@
 //! Loss of plasticity in reinforcement learning on coverage path planning.
 //!
 //! Dependencies point downwards only: `cli` → `training`, `curriculum`, `evaluate`, `report` → `plasticity` →
-//! `agent`, `run` → `coverage-env`, `bit-mlp`.
+//! `agent`, `run` → `coverage-env`, `bit-mlp`, `rl-stats`.
 
 pub mod agent;
 pub mod cli;

@@ -3,10 +3,30 @@
 use std::io::{self, Write};
 
 use anyhow::{Context, Result};
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
 use serde_json::json;
 
 use crate::report::{self, Format};
 use crate::results::Evaluation;
+
+/// `--format`.
+impl ValueEnum for Format {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[Self::Table, Self::Markdown, Self::Csv, Self::Json, Self::Latex]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        let (name, help) = match self {
+            Self::Table => ("table", "Aligned columns, for reading"),
+            Self::Markdown => ("markdown", "GitHub's Markdown"),
+            Self::Csv => ("csv", "Comma-separated values, numbers in full"),
+            Self::Json => ("json", "JSON, numbers in full"),
+            Self::Latex => ("latex", "LaTeX with booktabs"),
+        };
+        Some(PossibleValue::new(name).help(help))
+    }
+}
 
 /// Prints evaluations to stdout; as JSON one object for one of them, a list within an object for several.
 ///

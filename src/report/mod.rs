@@ -1,11 +1,12 @@
 //! From results to what people and programs read. Nothing here trains.
 
 pub mod analysis;
-pub mod compare;
+pub mod export;
 pub mod map;
 pub mod published;
 pub mod study;
 mod table;
+pub mod tables;
 
 pub use table::{Cell, Format, Table, render};
 

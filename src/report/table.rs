@@ -1,10 +1,10 @@
 //! One table, printed in every format.
 
-use clap::ValueEnum;
+use rl_stats::{Estimate, Interval};
 use serde_json::{Map, Value, json};
 
 /// How results are printed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// Aligned columns, for reading.
     Table,
@@ -40,6 +40,8 @@ pub enum Cell {
     Number(f64, usize),
     /// A mean and a standard deviation.
     MeanStd(f64, f64),
+    /// A statistic with its interval, if it has one, shown with this many decimals.
+    Interval(f64, Option<Interval>, usize),
     /// There is no such result.
     Missing,
 }
@@ -85,16 +87,38 @@ impl Cell {
             Self::Text(text) => text.clone(),
             Self::Number(value, decimals) => format!("{value:.decimals$}"),
             Self::MeanStd(mean, std) => format!("{mean:.2}{plus_minus}{std:.2}"),
+            Self::Interval(value, None, decimals) => format!("{value:.decimals$}"),
+            Self::Interval(value, Some(Interval { low, high }), decimals) => {
+                format!("{value:.decimals$} [{low:.decimals$}, {high:.decimals$}]")
+            }
             Self::Missing => "–".to_owned(),
         }
     }
 
-    /// As programs read it; a mean with its deviation takes two fields.
+    /// An estimate as a table's entry; missing where there is none.
+    pub(super) fn estimate<'a>(estimate: impl Into<Option<&'a Estimate>>, decimals: usize) -> Self {
+        estimate.into().map_or(Self::Missing, |e| Self::Interval(e.value, e.interval, decimals))
+    }
+
+    /// What the fields of a column of such cells are called after its name.
+    fn suffixes(&self) -> &'static [&'static str] {
+        match self {
+            Self::MeanStd(..) => &[" mean", " std"],
+            Self::Interval(..) => &["", " low", " high"],
+            _ => &[""],
+        }
+    }
+
+    /// As programs read it; a mean with its deviation takes two fields, a statistic with its interval three.
     fn fields(&self) -> Vec<String> {
         match self {
             Self::Text(text) => vec![text.clone()],
             Self::Number(value, _) => vec![value.to_string()],
             Self::MeanStd(mean, std) => vec![mean.to_string(), std.to_string()],
+            Self::Interval(value, interval, _) => {
+                let bound = |of: fn(&Interval) -> f64| interval.as_ref().map_or(String::new(), |i| of(i).to_string());
+                vec![value.to_string(), bound(|i| i.low), bound(|i| i.high)]
+            }
             Self::Missing => vec![String::new()],
         }
     }
@@ -117,6 +141,7 @@ impl Table {
             Cell::Text(text) => json!(text),
             Cell::Number(value, _) => json!(value),
             Cell::MeanStd(mean, std) => json!({ "mean": mean, "std": std }),
+            Cell::Interval(value, interval, _) => json!({ "value": value, "interval": interval }),
             Cell::Missing => Value::Null,
         };
         let row = |row: &Vec<Cell>| -> Map<String, Value> {
@@ -165,18 +190,22 @@ impl Table {
     }
 
     fn csv(&self) -> String {
-        let mean_std = |column: usize| self.rows.iter().any(|row| matches!(row[column], Cell::MeanStd(..)));
-        let wide: Vec<bool> = (0..self.columns.len()).map(mean_std).collect();
-        let head = self.columns.iter().zip(&wide).flat_map(|(name, &wide)| {
-            if wide { vec![format!("{name} mean"), format!("{name} std")] } else { vec![name.clone()] }
-        });
+        let widest = |column: usize| {
+            let suffixes = self.rows.iter().map(|row| row[column].suffixes());
+            suffixes.max_by_key(|suffixes| suffixes.len()).unwrap_or(&[""])
+        };
+        let suffixes: Vec<&[&str]> = (0..self.columns.len()).map(widest).collect();
+        let named = |(name, suffixes): (&String, &&'static [&'static str])| {
+            suffixes.iter().map(|suffix| format!("{name}{suffix}")).collect::<Vec<String>>()
+        };
+        let head = self.columns.iter().zip(&suffixes).flat_map(named);
         let mut csv = csv::Writer::from_writer(Vec::new());
         let mut write = |record: Vec<String>| csv.write_record(record).expect("memory takes every record");
         write(head.collect());
         for row in &self.rows {
-            let fields = row.iter().zip(&wide).flat_map(|(cell, &wide)| {
+            let fields = row.iter().zip(&suffixes).flat_map(|(cell, suffixes)| {
                 let mut fields = cell.fields();
-                fields.resize(if wide { 2 } else { 1 }, String::new());
+                fields.resize(suffixes.len(), String::new());
                 fields
             });
             write(fields.collect());
@@ -242,6 +271,18 @@ mod tests {
         assert_eq!(squeeze(&rendered.replace('-', "")), squeeze(&expected.replace('-', "")));
         let lines: Vec<usize> = rendered.lines().skip(1).take(4).map(|line| line.chars().count()).collect();
         assert!(lines.iter().all(|&length| length == lines[0]), "{rendered}");
+    }
+
+    #[test]
+    fn intervals_are_shown_where_there_are_any() {
+        let interval = Some(Interval { low: 0.5, high: 1.0 });
+        let cells = [Cell::Interval(0.75, interval, 2), Cell::Interval(0.5, None, 2), Cell::Missing];
+        let rows = ["a", "b", "c"].into_iter().zip(cells).map(|(name, cell)| vec![name.into(), cell]).collect();
+        let table = Table { title: String::new(), columns: vec!["arm".into(), "gap".into()], rows, notes: Vec::new() };
+        assert_eq!(table.render(Format::Csv), "arm,gap,gap low,gap high\na,0.75,0.5,1\nb,0.5,,\nc,,,\n");
+        let markdown = table.render(Format::Markdown);
+        assert!(markdown.contains("| a | 0.75 [0.50, 1.00] |\n| b | 0.50 |\n| c | – |"), "{markdown}");
+        assert!(table.render(Format::Latex).contains("a & $0.75 [0.50, 1.00]$ \\\\"));
     }
 
     #[test]

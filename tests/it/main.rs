@@ -3,6 +3,7 @@
 //! What Stable-Baselines3 computed is under `tests/fixtures/sb3`; its README says how each number was made.
 
 mod advantages;
+mod analysis;
 mod command_line;
 mod dqn_schedule;
 mod fixtures;

@@ -19,3 +19,9 @@ pub fn assert_within(what: &str, actual: &[f32], expected: &[f32], margin: f32) 
         assert!((a - e).abs() <= margin, "{what}[{i}]: {a} is not {e} within {margin:e}");
     }
 }
+
+/// Asserts that one number is `expected` within `margin`.
+#[track_caller]
+pub fn assert_near(actual: f64, expected: f64, margin: f64) {
+    assert!((actual - expected).abs() <= margin, "{actual} is not {expected} within {margin:e}");
+}

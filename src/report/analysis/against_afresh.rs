@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::arms::same_but_stages;
 use super::{Arm, LevelOutcome, OverSeeds, Protocol, SeedOutcome, THRESHOLDS};
+use crate::results::mean_std;
 
 /// A curriculum and the runs afresh of the same settings.
 #[derive(Clone, Debug, Serialize)]
@@ -124,7 +125,7 @@ fn means_over_levels(levels: &[Option<LevelContrast>], of: fn(f64, f64) -> Optio
     let of_seed = |&seed: &u64| {
         let level = |pairs: &&BTreeMap<u64, (f64, f64)>| pairs.get(&seed).and_then(|&(a, b)| of(a, b));
         let all = areas.iter().map(level).collect::<Option<Vec<f64>>>()?;
-        Some((seed, crate::results::mean_std(&all).0))
+        Some((seed, mean_std(&all).0))
     };
     first.keys().filter_map(of_seed).collect()
 }

@@ -7,7 +7,8 @@ use rl_stats::pairs::estimate_mean;
 use rl_stats::{Bootstrap, Estimate};
 use serde::Serialize;
 
-use super::{ArmStage, Matrix};
+use super::{ArmStage, Matrix, MatrixRow};
+use crate::results::mean_std;
 
 /// The measures of a curriculum; only seeds that have finished all stages count.
 #[derive(Clone, Debug, Serialize)]
@@ -81,7 +82,7 @@ fn seed_matrices(matrix: &Matrix) -> BTreeMap<u64, ReturnMatrix> {
     let Some((before, after)) = matrix.rows.split_first() else { return BTreeMap::new() };
     let last = after.last().and_then(|row| row.cells.first()?.as_ref());
     let of_seed = |&seed: &u64| {
-        let row = |row: &super::MatrixRow| -> Option<Vec<f64>> {
+        let row = |row: &MatrixRow| -> Option<Vec<f64>> {
             row.cells.iter().map(|cell| cell.as_ref()?.normalised_seeds.get(&seed).copied()).collect()
         };
         Some((seed, ReturnMatrix::new(row(before)?, after.iter().map(row).collect::<Option<_>>()?)))
@@ -95,7 +96,7 @@ fn mean_matrix(matrices: impl Iterator<Item = Vec<Vec<Option<f64>>>>) -> Vec<Vec
     let size = all.first().map_or(0, Vec::len);
     let mean = |i: usize, j: usize| {
         let entries = all.iter().map(|matrix| matrix[i][j]).collect::<Option<Vec<f64>>>()?;
-        Some(crate::results::mean_std(&entries).0)
+        Some(mean_std(&entries).0)
     };
     (0..size).map(|i| (0..size).map(|j| mean(i, j)).collect()).collect()
 }

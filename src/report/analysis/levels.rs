@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::runs::Found;
 use crate::error::UserError;
 use crate::evaluate::{self, Starts};
-use crate::results::LevelResult;
+use crate::results::{Episode, LevelResult, mean_std};
 
 /// A level as its runs had it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -59,13 +59,13 @@ pub struct PlannedStart {
 impl Planner {
     fn new(result: &LevelResult) -> Self {
         let lengths: Vec<f64> = result.episodes.iter().map(|episode| f64::from(episode.length)).collect();
-        let start = |e: &crate::results::Episode| PlannedStart { start: e.start, return_: e.return_, length: e.length };
+        let start = |e: &Episode| PlannedStart { start: e.start, return_: e.return_, length: e.length };
         Self {
             mean: result.mean,
             std: result.std,
             min: result.min,
             max: result.max,
-            length: crate::results::mean_std(&lengths).0,
+            length: mean_std(&lengths).0,
             starts: result.episodes.iter().map(start).collect(),
         }
     }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io;
+use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -116,19 +116,20 @@ impl Logs {
         let columns = ["stage", "time/total_timesteps", "cumulative_timesteps", "rollout/ep_rew_mean"];
         let columns = columns.into_iter().map(|name| log.column(name)).collect::<Result<Vec<usize>, _>>()?;
         while let Some(row) = log.next(&columns)? {
-            let [stage, timesteps, cumulative, value] = row.as_deref().unwrap_or_default() else {
-                self.damaged_rows += 1;
-                continue;
-            };
-            let Some((log, level)) = self.stages.get_mut(*stage as usize).zip(levels.get(*stage as usize)) else {
+            let entry = row.as_deref().and_then(|row| {
+                let [stage, timesteps, cumulative, value] = row else { return None };
+                let stage = place(*stage, *timesteps, levels.len())?;
+                Some((&mut self.stages[stage], levels[stage], *timesteps, *cumulative, *value))
+            });
+            let Some((log, level, timesteps, cumulative, value)) = entry else {
                 self.damaged_rows += 1;
                 continue;
             };
             self.rows += 1;
             self.rows_without_return += u64::from(value.is_nan());
-            log.bins.push(*timesteps, *cumulative, *value);
-            if let Some((summary, level)) = log.summary.as_mut().zip(*level) {
-                summary.push(*timesteps, level.normalised(*value).unwrap_or(f64::NAN));
+            log.bins.push(timesteps, cumulative, value);
+            if let Some((summary, level)) = log.summary.as_mut().zip(level) {
+                summary.push(timesteps, level.normalised(value).unwrap_or(f64::NAN));
             }
         }
         Ok(())
@@ -145,13 +146,16 @@ impl Logs {
             measures.iter().map(|(_, name)| ((*name).to_owned(), bins.clone())).collect();
         columns.extend(measures.iter().map(|(place, _)| place));
         while let Some(row) = log.next(&columns)? {
-            match row.as_deref() {
-                Some([stage, timesteps, cumulative, values @ ..]) if (*stage as usize) < stages.len() => {
-                    for ((_, bins), value) in series.iter_mut().zip(values) {
-                        bins[*stage as usize].push(*timesteps, *cumulative, *value);
-                    }
-                }
-                _ => self.damaged_rows += 1,
+            let entry = row.as_deref().and_then(|row| {
+                let [stage, timesteps, cumulative, values @ ..] = row else { return None };
+                Some((place(*stage, *timesteps, stages.len())?, *timesteps, *cumulative, values))
+            });
+            let Some((stage, timesteps, cumulative, values)) = entry else {
+                self.damaged_rows += 1;
+                continue;
+            };
+            for ((_, bins), value) in series.iter_mut().zip(values) {
+                bins[stage].push(timesteps, cumulative, *value);
             }
         }
         self.plasticity = series.into_iter().collect();
@@ -159,9 +163,16 @@ impl Logs {
     }
 }
 
+/// The index of a row's stage, if the run has such a stage and the row a time.
+fn place(stage: f64, timesteps: f64, stages: usize) -> Option<usize> {
+    (stage >= 0.0 && timesteps >= 0.0 && (stage as usize) < stages).then_some(stage as usize)
+}
+
 /// A log that is read row by row.
 struct Log {
     path: PathBuf,
+    /// Where a last row ends that has no line end: a kill has cut it off, perhaps in the middle of a number.
+    cut: Option<u64>,
     head: StringRecord,
     reader: csv::Reader<File>,
     record: StringRecord,
@@ -170,14 +181,16 @@ struct Log {
 impl Log {
     /// Opens a log; `None` where there is none, or not even a header.
     fn open(path: &Path) -> Result<Option<Self>> {
-        let file = match File::open(path) {
+        let unreadable = || format!("cannot read {}", path.display());
+        let mut file = match File::open(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            file => file.with_context(|| format!("cannot read {}", path.display()))?,
+            file => file.with_context(unreadable)?,
         };
-        // A kill can cut the last row short.
+        let cut = unended(&mut file).with_context(unreadable)?;
+        // Rows that were cut off are shorter.
         let mut reader = csv::ReaderBuilder::new().flexible(true).from_reader(file);
-        let head = reader.headers().with_context(|| format!("cannot read {}", path.display()))?.clone();
-        let log = Self { path: path.to_owned(), head, reader, record: StringRecord::new() };
+        let head = reader.headers().with_context(unreadable)?.clone();
+        let log = Self { path: path.to_owned(), cut, head, reader, record: StringRecord::new() };
         Ok((!log.head.is_empty()).then_some(log))
     }
 
@@ -197,7 +210,19 @@ impl Log {
             "" => Some(f64::NAN),
             field => field.parse().ok(),
         };
-        let whole = self.record.len() == self.head.len();
+        let whole = self.record.len() == self.head.len() && self.cut != Some(self.reader.position().byte());
         Ok(Some(whole.then(|| columns.iter().map(number).collect::<Option<Vec<f64>>>()).flatten()))
     }
+}
+
+/// The length of a file that does not end with a line's end; it is left at its beginning.
+fn unended(file: &mut File) -> io::Result<Option<u64>> {
+    let length = file.seek(SeekFrom::End(0))?;
+    let mut last = [b'\n'];
+    if length > 0 {
+        file.seek(SeekFrom::End(-1))?;
+        file.read_exact(&mut last)?;
+    }
+    file.rewind()?;
+    Ok((last != [b'\n']).then_some(length))
 }

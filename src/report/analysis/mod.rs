@@ -17,7 +17,7 @@ mod matrix;
 mod outcome;
 mod runs;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Result;
 use rl_stats::Bootstrap;
@@ -186,16 +186,6 @@ impl Analysis {
     /// The index of the level with this name.
     pub fn level(&self, name: &str) -> Option<usize> {
         self.levels.iter().position(|level| level.name == name)
-    }
-
-    /// Writes everything as JSON.
-    ///
-    /// # Errors
-    /// Those of the file system.
-    pub fn write_json(&self, path: &Path) -> Result<()> {
-        use anyhow::Context;
-        let text = serde_json::to_string(self)? + "\n";
-        crate::run::write_file(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
     }
 }
 

@@ -1,0 +1,92 @@
+//! The tables of an [`Analysis`].
+
+mod continual;
+mod overview;
+mod plasticity_loss;
+mod returns;
+
+use super::analysis::{Analysis, Arm, Protocol};
+use super::{Cell, Table};
+
+/// A table and what its file is called.
+#[derive(Clone, Debug)]
+pub struct NamedTable {
+    /// The file's name without extension.
+    pub name: String,
+    /// The table.
+    pub table: Table,
+}
+
+/// Every table that has rows.
+pub fn all(analysis: &Analysis) -> Vec<NamedTable> {
+    let mut tables = vec![
+        named("planners", returns::planners(analysis)),
+        named("right-after-training", returns::right_after(analysis)),
+        named("aggregates", overview::aggregates(analysis)),
+        named("optimality-gap", overview::optimality_gap(analysis)),
+        named("probability-of-improvement", overview::improvement(analysis)),
+    ];
+    let curricula = || analysis.arms.iter().filter(|arm| arm.protocol == Protocol::Curriculum);
+    for level in returns::stage_levels(analysis) {
+        let name = format!("after-level-{}", file_name(&analysis.levels[level].name));
+        tables.push(named(&name, returns::after_stage(analysis, level)));
+    }
+    for (arm, matrix) in curricula().filter_map(|arm| Some((arm, arm.matrix.as_ref()?))) {
+        tables.push(named(&format!("matrix-{}", file_name(&arm.name)), returns::matrix(analysis, arm, matrix)));
+    }
+    tables.push(named("continual-learning", continual::measures(analysis)));
+    tables.push(named("forgetting", continual::forgetting(analysis)));
+    tables.push(named("against-afresh", plasticity_loss::curves(analysis)));
+    tables.push(named("time-to-threshold", plasticity_loss::times(analysis)));
+    tables.push(named("settings", overview::settings(analysis)));
+    tables.push(named("missing", overview::missing(analysis)));
+    tables.retain(|named| !named.table.rows.is_empty());
+    tables
+}
+
+/// The tables that a terminal gets: what each arm earns, what it forgets, whether it learns worse than afresh, and in
+/// what the arms differ.
+pub fn main(analysis: &Analysis) -> Vec<Table> {
+    const MAIN: [&str; 6] =
+        ["right-after-training", "aggregates", "continual-learning", "against-afresh", "settings", "missing"];
+    let is_main = |named: &NamedTable| MAIN.contains(&named.name.as_str());
+    all(analysis).into_iter().filter(is_main).map(|named| named.table).collect()
+}
+
+fn named(name: &str, table: Table) -> NamedTable {
+    NamedTable { name: name.to_owned(), table }
+}
+
+/// A name as part of a file's name.
+fn file_name(name: &str) -> String {
+    let keep = |c: char| if c.is_alphanumeric() || "-_.=".contains(c) { c } else { '_' };
+    name.chars().map(keep).collect()
+}
+
+/// A table's head from a few fixed columns and one per level.
+fn columns(fixed: &[&str], levels: impl Iterator<Item = String>) -> Vec<String> {
+    fixed.iter().map(|&name| name.to_owned()).chain(levels.map(|level| format!("level {level}"))).collect()
+}
+
+fn count(number: usize) -> Cell {
+    Cell::Number(number as f64, 0)
+}
+
+/// What an interval is, once for all tables that have some.
+fn interval_note(analysis: &Analysis, arms: impl Iterator<Item = usize>) -> String {
+    let bootstrap = analysis.conventions.bootstrap;
+    let mut note = format!(
+        "[low, high]: {:.0}% interval over seeds, percentile bootstrap with {} resamples.",
+        100.0 * bootstrap.confidence,
+        bootstrap.resamples
+    );
+    let alone: Vec<&str> = arms
+        .map(|arm| &analysis.arms[arm])
+        .filter(|arm| arm.seeds.len() == 1)
+        .map(|arm: &Arm| arm.name.as_str())
+        .collect();
+    if !alone.is_empty() {
+        note += &format!(" One seed has no interval: {}.", alone.join(", "));
+    }
+    note
+}
