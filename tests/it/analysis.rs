@@ -179,6 +179,7 @@ fn one_seed_has_no_interval_and_says_so() {
     let analysis = analysis(&[CURRICULUM, AFRESH_B]);
     let names: Vec<&str> = analysis.arms.iter().map(|arm| arm.name.as_str()).collect();
     assert_eq!(names, ["ppo", "ppo (afresh)"]);
+    assert!(analysis.differences.is_empty(), "{:?}", analysis.differences);
     let arm = &analysis.arms[0];
     let outcome = arm.levels[0].as_ref().expect("a result");
     assert_near(outcome.mean, optimum("a").mean, 1e-12);

@@ -145,11 +145,15 @@ fn differing_keys(groups: &[&Group]) -> Vec<String> {
     keys.iter().filter(differs).filter(|key| **key != "name").map(|key| (*key).clone()).collect()
 }
 
-/// The settings in which arms differ, with every arm's value.
+/// The settings in which arms differ, with every arm's value; stages only where two curricula differ in them, since runs
+/// afresh have none.
 pub(super) fn differences(groups: &[Group]) -> Vec<Difference> {
     let all: Vec<&Group> = groups.iter().collect();
+    let curricula: Vec<&Group> = groups.iter().filter(|group| group.protocol == Protocol::Curriculum).collect();
+    let one_curriculum = !differing_keys(&curricula).iter().any(|key| key == STAGES);
     let values = |key: &String| groups.iter().map(|g| g.settings.get(key).cloned().unwrap_or(Value::Null)).collect();
-    differing_keys(&all).into_iter().map(|key| Difference { values: values(&key), key }).collect()
+    let keys = differing_keys(&all).into_iter().filter(|key| key != STAGES || !one_curriculum);
+    keys.map(|key| Difference { values: values(&key), key }).collect()
 }
 
 /// Warns of an L2 penalty that cannot have acted.
