@@ -1,0 +1,1 @@
+"""What scripts/bench is made of: the machine, the programs, the measurements, and their tables."""
