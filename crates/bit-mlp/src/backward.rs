@@ -65,17 +65,29 @@ impl Mlp {
             };
             let input = &*activations[index - 1];
 
-            // ∂weight = xᵀ δ
-            gradient.resize(inputs * outputs);
+            // ∂weight = xᵀ δ, or δᵀ x where most of δ is padding: the same products in the same order
+            let narrow = layer.outputs <= outputs / 2;
+            let (left, left_width, right, width) =
+                if narrow { (delta, outputs, input, inputs) } else { (input, inputs, delta, outputs) };
+            gradient.resize(if narrow { layer.outputs } else { inputs } * width);
             arch.dispatch(Matmul {
-                left: Left::transposed(input, inputs),
-                right: delta,
+                left: Left::transposed(left, left_width),
+                right,
                 initial: None,
                 depth: batch.len(),
-                width: outputs,
+                width,
                 out: gradient,
             });
-            gradient.copy_unpadded(&mut grads[layer.weight], layer.outputs);
+            if narrow {
+                let rows = grads[layer.weight].chunks_exact_mut(layer.outputs);
+                for (i, row) in rows.enumerate() {
+                    for (o, weight) in row.iter_mut().enumerate() {
+                        *weight = gradient[o * inputs + i];
+                    }
+                }
+            } else {
+                gradient.copy_unpadded(&mut grads[layer.weight], layer.outputs);
+            }
 
             // δ' = (δ weightᵀ) ⊙ activation'
             transposed.copy_transposed(&packed.weights[index], outputs);
