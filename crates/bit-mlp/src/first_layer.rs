@@ -88,11 +88,10 @@ impl<'s, I: Iterator<Item = &'s [u16]>> WithSimd for WeightGradient<'_, I> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { deltas, width, constant, shared, mut samples, active_in, gradient } = self;
-        gradient.fill(0.0);
-        for &index in constant {
-            let row = &mut gradient[usize::from(index) * width..][..width];
-            row.copy_from_slice(&shared[..width]);
+        if deltas.is_empty() {
+            gradient.fill(0.0);
         }
+        let mut begun = false;
         for deltas in deltas.chunks(u64::BITS as usize * padded(width)) {
             active_in.fill(0);
             for (b, sample) in samples.by_ref().take(deltas.len() / padded(width)).enumerate() {
@@ -102,33 +101,43 @@ impl<'s, I: Iterator<Item = &'s [u16]>> WithSimd for WeightGradient<'_, I> {
             }
             let deltas = S::as_simd_f32s(deltas).0;
             for (row, &active_in) in gradient.chunks_exact_mut(width).zip(&*active_in) {
-                if active_in != 0 {
-                    add_samples(simd, row, deltas, active_in);
+                if active_in != 0 || !begun {
+                    add_samples(simd, row, begun, deltas, active_in);
                 }
             }
+            begun = true;
+        }
+        for &index in constant {
+            let row = &mut gradient[usize::from(index) * width..][..width];
+            row.copy_from_slice(&shared[..width]);
         }
     }
 }
 
-/// Adds the `deltas` `[64, padded(width)]` of the samples whose bit is set to `row` `[width]`.
+/// Adds the `deltas` `[64, padded(width)]` of the samples whose bit is set to `row` `[width]`, or to
+/// zeros if the row has not `begun`: to clear all rows beforehand would take them through the cache
+/// once more.
 #[inline(always)]
-fn add_samples<S: Simd>(simd: S, row: &mut [f32], deltas: &[S::f32s], samples: u64) {
+fn add_samples<S: Simd>(simd: S, row: &mut [f32], begun: bool, deltas: &[S::f32s], samples: u64) {
     const V: usize = 4;
+    let zero = simd.splat_f32s(0.0);
     let stride = padded(row.len()) / S::F32_LANES;
     let (row, tail) = S::as_mut_simd_f32s(row);
     let (blocks, rest) = row.as_chunks_mut::<V>();
     let mut column = 0;
     for sums in blocks {
-        *sums = add_columns(simd, *sums, deltas, stride, column, samples);
+        let before = if begun { *sums } else { [zero; V] };
+        *sums = add_columns(simd, before, deltas, stride, column, samples);
         column += V;
     }
     for sum in rest {
-        [*sum] = add_columns(simd, [*sum], deltas, stride, column, samples);
+        let before = if begun { *sum } else { zero };
+        [*sum] = add_columns(simd, [before], deltas, stride, column, samples);
         column += 1;
     }
     if !tail.is_empty() {
-        let sum = simd.partial_load_f32s(tail);
-        let [sum] = add_columns(simd, [sum], deltas, stride, column, samples);
+        let before = if begun { simd.partial_load_f32s(tail) } else { zero };
+        let [sum] = add_columns(simd, [before], deltas, stride, column, samples);
         simd.partial_store_f32s(tail, sum);
     }
 }
