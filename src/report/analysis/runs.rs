@@ -217,20 +217,25 @@ impl Evaluated {
 
 /// Every run, arm by arm.
 pub(super) fn infos(groups: &[Group]) -> Vec<RunInfo> {
-    let info = |(arm, run): (usize, &Run)| RunInfo {
-        path: run.path.clone(),
-        arm,
-        seed: run.manifest.seed,
-        levels: run.manifest.stages.iter().map(|stage| stage.level.clone()).collect(),
-        stages_done: run.manifest.stages_done,
-        stages: run.manifest.stages.len(),
-        status: run.manifest.status.clone(),
-        log_rows: run.logs.rows,
-        rows_without_return: run.logs.rows_without_return,
-        damaged_rows: run.logs.damaged_rows,
-    };
-    let of_group = |(arm, group): (usize, &Group<'_>)| group.runs.iter().map(|run| (arm, *run)).map(info).collect();
-    groups.iter().enumerate().flat_map(|group| -> Vec<RunInfo> { of_group(group) }).collect()
+    let of_group = |(arm, group): (usize, &Group)| group.runs.iter().map(|run| RunInfo::new(arm, run)).collect();
+    groups.iter().enumerate().flat_map::<Vec<RunInfo>, _>(of_group).collect()
+}
+
+impl RunInfo {
+    fn new(arm: usize, run: &Run) -> Self {
+        Self {
+            path: run.path.clone(),
+            arm,
+            seed: run.manifest.seed,
+            levels: run.manifest.stages.iter().map(|stage| stage.level.clone()).collect(),
+            stages_done: run.manifest.stages_done,
+            stages: run.manifest.stages.len(),
+            status: run.manifest.status.clone(),
+            log_rows: run.logs.rows,
+            rows_without_return: run.logs.rows_without_return,
+            damaged_rows: run.logs.damaged_rows,
+        }
+    }
 }
 
 /// Stages that are not done in runs that are there, and levels that other seeds of an arm were trained on afresh.
