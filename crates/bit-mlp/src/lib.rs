@@ -61,3 +61,16 @@ pub use adam::{AdamConfig, Decay, Decayed, GradientNorms, Moments, clip_and_adam
 pub use batch::{Batch, BitBatch};
 pub use forward::{Prepared, Workspace};
 pub use mlp::{Activation, Layer, Mlp};
+
+/// The instruction set that the kernels use on this machine: `avx512`, `avx2`, `neon` or `plain`.
+pub fn instruction_set() -> &'static str {
+    match pulp::Arch::new() {
+        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+        pulp::Arch::V4(_) => "avx512",
+        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+        pulp::Arch::V3(_) => "avx2",
+        #[cfg(target_arch = "aarch64")]
+        pulp::Arch::Neon(_) => "neon",
+        _ => "plain",
+    }
+}
