@@ -28,7 +28,7 @@ fn level(id: &str) -> Arc<Level> {
 
 /// One seed at the beginning of a stage that ends after every benchmark.
 fn learner(config: &Config, backend: Backend) -> Box<dyn Learner> {
-    let stage = Stage { index: 0, level: level("0"), timesteps: 1 << 50 };
+    let stage = Stage { index: 0, level: level("0"), timesteps: 1 << 50, horizon: 1 << 50 };
     let agents = vec![agent::fresh(config, &stage.level, 0)];
     agent::learner(config, &stage, agents, backend)
 }

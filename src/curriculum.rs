@@ -16,6 +16,8 @@ pub struct Curriculum {
     pub stages: Vec<Stage>,
     /// The levels to evaluate on.
     pub levels: Vec<Arc<Level>>,
+    /// Whether a run may go on to more timesteps than it began with. Not with stages after: they would begin otherwise.
+    pub extensible: bool,
 }
 
 impl Curriculum {
@@ -24,8 +26,9 @@ impl Curriculum {
         let level = Arc::new(level);
         Self {
             name: format!("level-{}", folder_name(level.name())),
-            stages: vec![Stage { index: 0, level: level.clone(), timesteps }],
+            stages: vec![Stage { index: 0, level: level.clone(), timesteps, horizon: timesteps }],
             levels: vec![level],
+            extensible: true,
         }
     }
 
@@ -61,10 +64,14 @@ impl Curriculum {
         if levels.len() > usize::from(u16::MAX) {
             return Err(UserError::new(format!("{} levels are too many for one curriculum", levels.len())));
         }
-        let stage =
-            |(index, level): (usize, &Arc<Level>)| Stage { index: index as u16, level: level.clone(), timesteps };
+        let stage = |(index, level): (usize, &Arc<Level>)| Stage {
+            index: index as u16,
+            level: level.clone(),
+            timesteps,
+            horizon: timesteps,
+        };
         let stages = levels.iter().enumerate().map(stage).collect();
-        Ok(Self { name: "curriculum".to_owned(), stages, levels })
+        Ok(Self { name: "curriculum".to_owned(), stages, levels, extensible: false })
     }
 
     /// Timesteps of all stages.

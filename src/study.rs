@@ -172,7 +172,7 @@ impl Study {
 pub fn measure_rate(config: &Config, level: &Level, backend: Backend) -> f64 {
     // Nothing of the trial is kept, so that any seed will do.
     let agent = agent::fresh(config, level, 0);
-    let stage = Stage { index: 0, level: level.clone().into(), timesteps: u64::MAX };
+    let stage = Stage { index: 0, level: level.clone().into(), timesteps: u64::MAX, horizon: u64::MAX };
     let mut learner = agent::learner(config, &stage, vec![agent], backend);
     learner.advance();
     let (start, before) = (Instant::now(), learner.timesteps());

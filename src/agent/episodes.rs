@@ -39,6 +39,12 @@ impl EpisodeWindow {
         self.mean(|&(_, length)| f64::from(length))
     }
 
+    /// Whether episodes of at most `max_steps` steps can have left this.
+    pub(super) fn is_possible(&self, max_steps: u32) -> bool {
+        let lengths = self.episodes.iter().map(|&(_, length)| length);
+        self.episodes.len() as u64 == self.count.min(WINDOW as u64) && lengths.into_iter().all(|n| n <= max_steps)
+    }
+
     fn mean(&self, of: impl Fn(&(i64, u32)) -> f64) -> f64 {
         self.episodes.iter().map(of).sum::<f64>() / self.episodes.len() as f64
     }

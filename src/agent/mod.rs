@@ -4,6 +4,7 @@ pub mod dqn;
 pub mod network;
 pub mod ppo;
 pub mod random;
+pub mod snapshot;
 pub mod state;
 
 mod choice;
@@ -20,6 +21,7 @@ use tch::Device;
 
 use crate::config::{Algorithm, Config, Kernel, L2, OptimizerConfig};
 use network::Network;
+use snapshot::{Snapshot, SnapshotError};
 use state::AgentState;
 
 pub use choice::{greedy, sample};
@@ -39,6 +41,8 @@ pub trait Learner: Send {
     fn parameters(&self, seed: usize) -> &[f32];
     /// The agents as they are now.
     fn states(&self) -> Vec<AgentState>;
+    /// All that the rest of the stage depends on, of the seed with this place in their order.
+    fn snapshot(&self, seed: usize) -> Snapshot;
 }
 
 /// Names and values of one log row, named as Stable-Baselines3's logger names them.
@@ -51,8 +55,10 @@ pub struct Stage {
     pub index: u16,
     /// The map that all environments have.
     pub level: Arc<Level>,
-    /// Timesteps that schedules span.
+    /// Timesteps to train for.
     pub timesteps: u64,
+    /// Timesteps that schedules span: `timesteps`, unless the run was extended.
+    pub horizon: u64,
 }
 
 /// How networks are computed.
@@ -132,8 +138,30 @@ pub fn fresh(config: &Config, level: &Level, seed: u64) -> AgentState {
 
 /// A learner at the beginning of `stage`, with agents as they come out of the stage before.
 pub fn learner(config: &Config, stage: &Stage, agents: Vec<AgentState>, backend: Backend) -> Box<dyn Learner> {
+    let beginning = |agent| Snapshot::beginning(config, stage, agent);
+    build(config, stage, agents.into_iter().map(beginning).collect(), backend)
+}
+
+/// A learner in the midst of `stage`, where its seeds were when these snapshots were taken; it goes on as if it had
+/// never stopped.
+///
+/// # Errors
+/// Snapshots that cannot be of this stage, or of seeds that stand at different timesteps.
+pub fn resume(
+    config: &Config,
+    stage: &Stage,
+    snapshots: Vec<Snapshot>,
+    backend: Backend,
+) -> Result<Box<dyn Learner>, SnapshotError> {
+    snapshots.iter().try_for_each(|snapshot| snapshot.check(config, stage))?;
+    SnapshotError::unless_together(&snapshots)?;
+    Ok(build(config, stage, snapshots, backend))
+}
+
+/// A learner from snapshots that are known to fit.
+fn build(config: &Config, stage: &Stage, snapshots: Vec<Snapshot>, backend: Backend) -> Box<dyn Learner> {
     match &config.algorithm {
-        Algorithm::Ppo(ppo) => Box::new(ppo::Ppo::new(config, ppo, stage, agents, backend)),
-        Algorithm::Dqn(dqn) => Box::new(dqn::Dqn::new(config, dqn, stage, agents, backend)),
+        Algorithm::Ppo(ppo) => Box::new(ppo::Ppo::new(config, ppo, stage, snapshots, backend)),
+        Algorithm::Dqn(dqn) => Box::new(dqn::Dqn::new(config, dqn, stage, snapshots, backend)),
     }
 }

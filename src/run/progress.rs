@@ -105,7 +105,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("progress.csv");
         let level = Arc::new(Level::from_map("a,b", "T..").unwrap());
-        let stage = |index| Stage { index, level: level.clone(), timesteps: 10 };
+        let stage = |index| Stage { index, level: level.clone(), timesteps: 10, horizon: 10 };
         let write = |log: &mut StageLog, index| {
             let place = progress_place(&stage(index), 10, 10 * u64::from(index), 1.5);
             log.append(&place, &[("train/loss", 0.25)]).unwrap();

@@ -12,7 +12,7 @@ use crate::fixtures;
 
 fn stage(index: u16, timesteps: u64) -> Stage {
     let level = Arc::new(Level::from_map("map", "..T\n.#.").expect("a valid map"));
-    Stage { index, level, timesteps }
+    Stage { index, level, timesteps, horizon: timesteps }
 }
 
 /// The study's settings but for the network, which is small, and what `sets` says.

@@ -200,7 +200,7 @@ impl Level {
     }
 
     /// The cells that are not walls.
-    pub(crate) fn open_cells(&self) -> &CellSet {
+    pub fn open_cells(&self) -> &CellSet {
         &self.open
     }
 

@@ -13,10 +13,11 @@ use coverage_env::{Action, VecEnv};
 
 pub use autograd::AutogradDqn;
 pub use fused::FusedDqn;
-pub use replay::{Replay, Transitions};
+pub use replay::{Replay, ReplayState, Transitions};
 
 use super::episodes::EpisodeWindow;
-use super::random::{Purpose, Stream};
+use super::random::Stream;
+use super::snapshot::{Position, Snapshot};
 use super::state::AgentState;
 use super::{Backend, Learner, Metrics, Stage, dose_metrics, greedy, network, observations, observe};
 use crate::config::{Config, DqnConfig, OptimizerConfig};
@@ -62,7 +63,7 @@ pub struct Exploration {
 impl Exploration {
     /// The schedule of a stage.
     pub fn new(config: &DqnConfig, stage: &Stage) -> Self {
-        let decay = if stage.index == 0 { config.exploration_fraction * stage.timesteps as f64 } else { 0.0 };
+        let decay = if stage.index == 0 { config.exploration_fraction * stage.horizon as f64 } else { 0.0 };
         Self { initial: config.exploration_initial_eps, last: config.exploration_final_eps, decay }
     }
 
@@ -89,7 +90,8 @@ pub struct Dqn {
     values: Vec<f32>,
     /// Of this stage.
     timesteps: u64,
-    horizon: u64,
+    /// Timesteps after which the stage ends.
+    end: u64,
     num_envs: usize,
 }
 
@@ -116,29 +118,33 @@ struct Losses {
 }
 
 impl Dqn {
-    /// Agents at the beginning of a stage.
-    pub fn new(config: &Config, dqn: &DqnConfig, stage: &Stage, agents: Vec<AgentState>, backend: Backend) -> Self {
+    /// Seeds where these snapshots were taken; they have been checked against the stage and stand together.
+    pub(super) fn new(
+        config: &Config,
+        dqn: &DqnConfig,
+        stage: &Stage,
+        snapshots: Vec<Snapshot>,
+        backend: Backend,
+    ) -> Self {
         let network = network(config, &stage.level);
+        let agents: Vec<AgentState> = snapshots.iter().map(|snapshot| snapshot.agent.clone()).collect();
         let updater: Box<dyn DqnUpdater> = match backend {
             Backend::Fused => Box::new(FusedDqn::new(&network, config.gamma, &config.optimizer, &agents)),
             Backend::Autograd(device) => {
                 Box::new(AutogradDqn::new(network, device, config.gamma, &config.optimizer, &agents))
             }
         };
-        let seed = |agent: AgentState| {
-            let stream = |purpose| Stream::new(agent.seed, stage.index, purpose);
-            let envs = (0..config.num_envs as u32).map(|i| stream(Purpose::Environment(i))).collect();
-            Seed {
-                envs: VecEnv::new(stage.level.clone(), config.max_steps, envs),
-                actions: stream(Purpose::Actions),
-                minibatches: stream(Purpose::Minibatches),
-                replay: Replay::new(dqn.buffer_size, &stage.level),
-                chosen: Vec::with_capacity(config.num_envs),
-                transitions: Transitions::new(&stage.level),
-                episodes: EpisodeWindow::default(),
-                losses: Losses::default(),
-                agent,
-            }
+        let timesteps = snapshots[0].position.timesteps;
+        let seed = |snapshot: Snapshot| Seed {
+            envs: snapshot.envs(config, stage).expect("a snapshot is checked before it is used"),
+            actions: Stream::at(&snapshot.position.actions),
+            minibatches: Stream::at(&snapshot.position.minibatches),
+            replay: Replay::restore(dqn.buffer_size, &stage.level, &snapshot.replay.unwrap_or_default()),
+            chosen: Vec::with_capacity(config.num_envs),
+            transitions: Transitions::new(&stage.level),
+            episodes: snapshot.position.episodes,
+            losses: Losses::default(),
+            agent: snapshot.agent,
         };
         Self {
             config: dqn.clone(),
@@ -147,9 +153,9 @@ impl Dqn {
             updater,
             current: vec![observations(&stage.level); agents.len()],
             values: vec![0.0; agents.len() * config.num_envs * Action::COUNT],
-            seeds: agents.into_iter().map(seed).collect(),
-            timesteps: 0,
-            horizon: stage.timesteps,
+            seeds: snapshots.into_iter().map(seed).collect(),
+            timesteps,
+            end: stage.timesteps,
             num_envs: config.num_envs,
         }
     }
@@ -253,7 +259,7 @@ impl Learner for Dqn {
     fn next_timesteps(&self) -> u64 {
         let due = (self.timesteps / LOG_INTERVAL + 1) * LOG_INTERVAL;
         let block = self.config.train_freq * self.num_envs as u64;
-        due.min(self.horizon).max(self.timesteps + 1).next_multiple_of(block)
+        due.min(self.end).max(self.timesteps + 1).next_multiple_of(block)
     }
 
     fn parameters(&self, seed: usize) -> &[f32] {
@@ -262,5 +268,18 @@ impl Learner for Dqn {
 
     fn states(&self) -> Vec<AgentState> {
         self.seeds.iter().map(|seed| seed.agent.clone()).collect()
+    }
+
+    fn snapshot(&self, seed: usize) -> Snapshot {
+        let seed = &self.seeds[seed];
+        let position = Position {
+            timesteps: self.timesteps,
+            states: seed.envs.states().to_vec(),
+            starts: seed.envs.rngs().iter().map(Stream::state).collect(),
+            actions: seed.actions.state(),
+            minibatches: seed.minibatches.state(),
+            episodes: seed.episodes.clone(),
+        };
+        Snapshot { agent: seed.agent.clone(), position, replay: Some(seed.replay.state()) }
     }
 }

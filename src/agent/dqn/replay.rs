@@ -35,6 +35,23 @@ pub struct Replay {
     terminated: Vec<bool>,
 }
 
+/// What a [`Replay`] of K transitions holds, as files keep it; its first K slots, in their order.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ReplayState {
+    /// The slot that is filled next.
+    pub next: usize,
+    /// The agent's cell before and after, `[K, 2]`.
+    pub cells: Vec<u16>,
+    /// Visited cells before and after, `[K, 2, words]`.
+    pub visited: Vec<u64>,
+    /// `[K]`.
+    pub actions: Vec<u8>,
+    /// `[K]`.
+    pub rewards: Vec<f32>,
+    /// `[K]`.
+    pub terminated: Vec<bool>,
+}
+
 /// A minibatch of B transitions.
 #[derive(Clone, Debug, Default)]
 pub struct Transitions {
@@ -65,6 +82,32 @@ impl Replay {
             actions: vec![0; capacity],
             rewards: vec![0.0; capacity],
             terminated: vec![false; capacity],
+        }
+    }
+
+    /// A buffer that holds what another one held; it has been [checked](ReplayState::check).
+    pub(in crate::agent) fn restore(capacity: usize, level: &Arc<Level>, state: &ReplayState) -> Self {
+        let mut replay = Self::new(capacity, level);
+        replay.len = state.actions.len();
+        replay.next = state.next;
+        replay.cells[..state.cells.len()].copy_from_slice(&state.cells);
+        replay.visited[..state.visited.len()].copy_from_slice(&state.visited);
+        replay.actions[..state.actions.len()].copy_from_slice(&state.actions);
+        replay.rewards[..state.rewards.len()].copy_from_slice(&state.rewards);
+        replay.terminated[..state.terminated.len()].copy_from_slice(&state.terminated);
+        replay
+    }
+
+    /// What it holds.
+    pub fn state(&self) -> ReplayState {
+        let len = self.len;
+        ReplayState {
+            next: self.next,
+            cells: self.cells[..2 * len].to_vec(),
+            visited: self.visited[..2 * len * self.words].to_vec(),
+            actions: self.actions[..len].to_vec(),
+            rewards: self.rewards[..len].to_vec(),
+            terminated: self.terminated[..len].to_vec(),
         }
     }
 
@@ -130,6 +173,31 @@ impl Replay {
         out.actions.push(self.actions[slot]);
         out.rewards.push(self.rewards[slot]);
         out.terminated.push(self.terminated[slot]);
+    }
+}
+
+impl ReplayState {
+    /// Checks that a buffer of this capacity on this level can hold it.
+    pub(in crate::agent) fn check(&self, capacity: usize, level: &Level) -> Result<(), &'static str> {
+        let len = self.actions.len();
+        let open = level.open_cells().words();
+        let lengths = [self.cells.len(), self.visited.len(), self.rewards.len(), self.terminated.len()];
+        if len > capacity || lengths != [2 * len, 2 * len * open.len(), len, len] {
+            return Err("its replay buffer has another size");
+        }
+        if if len < capacity { self.next != len } else { self.next >= capacity } {
+            return Err("its replay buffer is filled in another order");
+        }
+        let within = |(&cell, visited): (&u16, &[u64])| {
+            usize::from(cell) < level.len() && visited.iter().zip(open).all(|(word, open)| word & !open == 0)
+        };
+        if !self.cells.iter().zip(self.visited.chunks_exact(open.len())).all(within)
+            || self.actions.iter().any(|&action| usize::from(action) >= Action::COUNT)
+            || self.rewards.iter().any(|reward| !reward.is_finite())
+        {
+            return Err("its replay buffer holds transitions that the level does not have");
+        }
+        Ok(())
     }
 }
 

@@ -16,7 +16,8 @@ pub use fused::FusedPpo;
 pub use rollout::{Outputs, Rollout};
 
 use super::episodes::EpisodeWindow;
-use super::random::{Purpose, Stream};
+use super::random::Stream;
+use super::snapshot::{Position, Snapshot};
 use super::state::AgentState;
 use super::{Backend, Learner, Metrics, Stage, dose_metrics, network, observations, observe, sample};
 use crate::config::{Config, OptimizerConfig, PpoConfig};
@@ -91,34 +92,37 @@ struct Losses {
 }
 
 impl Ppo {
-    /// Agents at the beginning of a stage.
-    pub fn new(config: &Config, ppo: &PpoConfig, stage: &Stage, agents: Vec<AgentState>, backend: Backend) -> Self {
+    /// Seeds where these snapshots were taken; they have been checked against the stage.
+    pub(super) fn new(
+        config: &Config,
+        ppo: &PpoConfig,
+        stage: &Stage,
+        snapshots: Vec<Snapshot>,
+        backend: Backend,
+    ) -> Self {
         let network = network(config, &stage.level);
+        let agents: Vec<AgentState> = snapshots.iter().map(|snapshot| snapshot.agent.clone()).collect();
         let updater: Box<dyn PpoUpdater> = match backend {
             Backend::Fused => Box::new(FusedPpo::new(&network, ppo, &config.optimizer, &agents)),
             Backend::Autograd(device) => Box::new(AutogradPpo::new(network, device, ppo, &config.optimizer, &agents)),
         };
-        let seed = |agent: AgentState| {
-            let stream = |purpose| Stream::new(agent.seed, stage.index, purpose);
-            let envs = (0..config.num_envs as u32).map(|i| stream(Purpose::Environment(i))).collect();
-            Seed {
-                envs: VecEnv::new(stage.level.clone(), config.max_steps, envs),
-                actions: stream(Purpose::Actions),
-                minibatches: stream(Purpose::Minibatches),
-                rollout: Rollout::new(config.num_envs, &stage.level),
-                order: Vec::new(),
-                episodes: EpisodeWindow::default(),
-                timesteps: 0,
-                losses: Losses::default(),
-                agent,
-            }
+        let seed = |snapshot: Snapshot| Seed {
+            envs: snapshot.envs(config, stage).expect("a snapshot is checked before it is used"),
+            actions: Stream::at(&snapshot.position.actions),
+            minibatches: Stream::at(&snapshot.position.minibatches),
+            rollout: Rollout::new(config.num_envs, &stage.level),
+            order: Vec::new(),
+            episodes: snapshot.position.episodes,
+            timesteps: snapshot.position.timesteps,
+            losses: Losses::default(),
+            agent: snapshot.agent,
         };
         Self {
             config: ppo.clone(),
             optimizer: config.optimizer.clone(),
             gamma: config.gamma,
             updater,
-            seeds: agents.into_iter().map(seed).collect(),
+            seeds: snapshots.into_iter().map(seed).collect(),
         }
     }
 
@@ -256,5 +260,18 @@ impl Learner for Ppo {
 
     fn states(&self) -> Vec<AgentState> {
         self.seeds.iter().map(|seed| seed.agent.clone()).collect()
+    }
+
+    fn snapshot(&self, seed: usize) -> Snapshot {
+        let seed = &self.seeds[seed];
+        let position = Position {
+            timesteps: seed.timesteps,
+            states: seed.envs.states().to_vec(),
+            starts: seed.envs.rngs().iter().map(Stream::state).collect(),
+            actions: seed.actions.state(),
+            minibatches: seed.minibatches.state(),
+            episodes: seed.episodes.clone(),
+        };
+        Snapshot { agent: seed.agent.clone(), position, replay: None }
     }
 }

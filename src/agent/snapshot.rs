@@ -1,0 +1,136 @@
+//! One seed in the midst of a stage: all that the rest of the stage depends on.
+
+use coverage_env::{State, StateError, VecEnv};
+use serde::{Deserialize, Serialize};
+
+use super::dqn::ReplayState;
+use super::episodes::EpisodeWindow;
+use super::random::{Purpose, Stream, StreamState};
+use super::state::AgentState;
+use super::{Stage, network};
+use crate::config::{Algorithm, Config};
+
+/// One seed between two calls of [`advance`](super::Learner::advance).
+///
+/// A stage's beginning is a snapshot as well, so that there is one way into a learner. What is missing here is made
+/// anew by each `advance`: PPO's rollout and the order of its minibatches, and the sums of DQN's log row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Snapshot {
+    /// The agent, its counters as they are now.
+    pub agent: AgentState,
+    /// Where it stands in the stage.
+    pub position: Position,
+    /// DQN's replay buffer.
+    pub replay: Option<ReplayState>,
+}
+
+/// Where a seed stands in a stage, N being the number of environments.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Position {
+    /// Timesteps of the stage so far.
+    pub timesteps: u64,
+    /// The environments' running episodes, `[N]`.
+    pub states: Vec<State>,
+    /// The streams of their starts, `[N]`.
+    pub starts: Vec<StreamState>,
+    /// The stream of the actions.
+    pub actions: StreamState,
+    /// The stream of the minibatches.
+    pub minibatches: StreamState,
+    /// The window of finished episodes.
+    pub episodes: EpisodeWindow,
+}
+
+/// A snapshot that cannot be one of the stage, as read from a damaged or foreign file.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("not a snapshot of this stage: {0}")]
+pub struct SnapshotError(String);
+
+impl From<StateError> for SnapshotError {
+    fn from(error: StateError) -> Self {
+        Self(error.to_string())
+    }
+}
+
+impl SnapshotError {
+    /// Refuses seeds that cannot advance together, since they stand at different timesteps.
+    pub(super) fn unless_together(snapshots: &[Snapshot]) -> Result<(), Self> {
+        let together = |pair: &[Snapshot]| pair[0].position.timesteps == pair[1].position.timesteps;
+        if snapshots.windows(2).all(together) {
+            return Ok(());
+        }
+        Err(Self("its seeds stand at different timesteps".to_owned()))
+    }
+}
+
+impl Snapshot {
+    /// The beginning of a stage, with an agent as it comes out of the stage before.
+    pub fn beginning(config: &Config, stage: &Stage, agent: AgentState) -> Self {
+        let stream = |purpose| Stream::new(agent.seed, stage.index, purpose);
+        let starts = (0..config.num_envs as u32).map(|i| stream(Purpose::Environment(i))).collect();
+        let envs = VecEnv::new(stage.level.clone(), config.max_steps, starts);
+        let position = Position {
+            timesteps: 0,
+            states: envs.states().to_vec(),
+            starts: envs.rngs().iter().map(Stream::state).collect(),
+            actions: stream(Purpose::Actions).state(),
+            minibatches: stream(Purpose::Minibatches).state(),
+            episodes: EpisodeWindow::default(),
+        };
+        let replay = matches!(config.algorithm, Algorithm::Dqn(_)).then(ReplayState::default);
+        Self { agent, position, replay }
+    }
+
+    /// Checks everything that a learner relies on, since a file need not be trusted.
+    ///
+    /// # Errors
+    /// The first thing that cannot be so in this stage under these settings.
+    pub fn check(&self, config: &Config, stage: &Stage) -> Result<(), SnapshotError> {
+        let wrong = |what: &str| Err(SnapshotError(what.to_owned()));
+        let Self { agent, position, replay } = self;
+        let parameters = network(config, &stage.level).num_parameters();
+        let dqn = if let Algorithm::Dqn(dqn) = &config.algorithm { Some(dqn) } else { None };
+        let slices = [&agent.parameters, &agent.adam.exp_avg, &agent.adam.exp_avg_sq];
+        if slices.into_iter().chain(&agent.target).any(|slice| slice.len() != parameters) {
+            return wrong("the network has another size");
+        }
+        if agent.target.is_some() != dqn.is_some() || replay.is_some() != dqn.is_some() {
+            return wrong("it belongs to another algorithm");
+        }
+        if position.timesteps > agent.counters.timesteps
+            || !position.timesteps.is_multiple_of(config.num_envs as u64)
+            || position.episodes.count > position.timesteps
+        {
+            return wrong("its counts contradict one another");
+        }
+        if position.states.len() != config.num_envs || position.starts.len() != config.num_envs {
+            return wrong("the number of environments differs");
+        }
+        let own = |state: &StreamState, purpose| {
+            let beginning = Stream::new(agent.seed, stage.index, purpose).state();
+            (state.seed, state.stream) == (beginning.seed, beginning.stream)
+        };
+        let mut starts = position.starts.iter().zip(0..);
+        if !own(&position.actions, Purpose::Actions)
+            || !own(&position.minibatches, Purpose::Minibatches)
+            || !starts.all(|(state, i)| own(state, Purpose::Environment(i)))
+        {
+            return wrong("its random streams belong to another seed or stage");
+        }
+        if !position.episodes.is_possible(config.max_steps) {
+            return wrong("its window of episodes is not possible");
+        }
+        self.envs(config, stage)?;
+        if let (Some(dqn), Some(replay)) = (dqn, replay) {
+            replay.check(dqn.buffer_size, &stage.level).map_err(|what| SnapshotError(what.to_owned()))?;
+        }
+        Ok(())
+    }
+
+    /// The environments as they stand.
+    pub(super) fn envs(&self, config: &Config, stage: &Stage) -> Result<VecEnv<Stream>, StateError> {
+        let starts = self.position.starts.iter().map(Stream::at).collect();
+        VecEnv::restore(stage.level.clone(), config.max_steps, self.position.states.clone(), starts)
+    }
+}
