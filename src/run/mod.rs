@@ -6,6 +6,7 @@
 
 mod atomic;
 pub mod checkpoint;
+mod container;
 pub mod evaluations;
 pub mod manifest;
 mod progress;
