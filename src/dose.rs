@@ -1,5 +1,6 @@
 //! How much an L2 penalty amounts to: what is known before training, and what is measured.
 
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::agent::Metrics;
@@ -22,8 +23,29 @@ pub struct Dose {
     weight_norms: Vec<f64>,
     /// Mean ratio of the penalty's gradient to the loss's, per stage.
     ratios: Vec<f64>,
-    ratio_sum: f64,
-    ratio_count: u32,
+    stage: StageDose,
+}
+
+/// What the running stage has measured so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct StageDose {
+    /// Of the ratios of the penalty's gradient to the loss's, as its bits: JSON rounds.
+    #[serde(with = "as_bits")]
+    sum: f64,
+    count: u32,
+}
+
+/// A float that survives JSON to the last bit.
+mod as_bits {
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub fn serialize<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_u64(value.to_bits())
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+        u64::deserialize(deserializer).map(f64::from_bits)
+    }
 }
 
 impl Dose {
@@ -43,8 +65,7 @@ impl Dose {
             optimizer_steps: steps,
             weight_norms: earlier("weight_norm"),
             ratios: earlier("l2_ratio"),
-            ratio_sum: 0.0,
-            ratio_count: 0,
+            stage: StageDose::default(),
         }
     }
 
@@ -68,11 +89,23 @@ impl Dose {
         }
     }
 
+    /// Goes back to where `stages` are done and the running one has measured this.
+    pub fn go_on(&mut self, stages: u16, stage: StageDose) {
+        self.weight_norms.truncate(stages.into());
+        self.ratios.truncate(stages.into());
+        self.stage = stage;
+    }
+
+    /// What the running stage has measured so far.
+    pub fn stage(&self) -> StageDose {
+        self.stage
+    }
+
     /// Takes in a row of the log.
     pub fn measure(&mut self, metrics: &Metrics) {
         if let Some((_, ratio)) = metrics.iter().find(|(name, value)| *name == "train/l2_ratio" && value.is_finite()) {
-            self.ratio_sum += ratio;
-            self.ratio_count += 1;
+            self.stage.sum += ratio;
+            self.stage.count += 1;
         }
     }
 
@@ -80,8 +113,8 @@ impl Dose {
     pub fn end_stage(&mut self, parameters: &[f32]) {
         self.weight_norms.push(parameters.iter().map(|&p| f64::from(p).powi(2)).sum::<f64>().sqrt());
         // A stage without an update has no ratio: NaN, which JSON shows as null.
-        self.ratios.push(self.ratio_sum / f64::from(self.ratio_count));
-        (self.ratio_sum, self.ratio_count) = (0.0, 0);
+        let StageDose { sum, count } = std::mem::take(&mut self.stage);
+        self.ratios.push(sum / f64::from(count));
     }
 
     /// What the manifest records.

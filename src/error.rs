@@ -15,6 +15,11 @@ impl UserError {
     }
 }
 
+/// A signal stopped the work, whose state is saved: exit code 130.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct Interrupted(pub String);
+
 /// Writes a line to stderr.
 ///
 /// That it cannot be written (a log on a full disk, a terminal that is gone) is no reason to end a training.
@@ -34,5 +39,8 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
             || e.is::<PlanError>()
             || e.is::<CheckpointError>()
     };
+    if error.chain().any(|e| e.is::<Interrupted>()) {
+        return 130;
+    }
     if error.chain().any(of_user) { 2 } else { 1 }
 }

@@ -1,6 +1,7 @@
 //! What `train` and `curriculum` share: their arguments, and carrying an experiment out.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use anyhow::{Result, anyhow};
 use clap::Args;
@@ -12,9 +13,10 @@ use crate::agent::Backend;
 use crate::config::{self, Config};
 use crate::curriculum::Curriculum;
 use crate::dose::Dose;
-use crate::error::{UserError, tell};
+use crate::error::{Interrupted, UserError, tell};
 use crate::run::manifest::Manifest;
 use crate::training::progress::{Progress, Verbosity};
+use crate::training::saving::{Saving, Stop};
 use crate::training::{Event, Experiment, Outcome};
 
 /// Arguments of every training.
@@ -38,9 +40,15 @@ pub struct TrainingArgs {
     /// The experiment's folder [default: runs/<command>].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Go on with runs that are there already, each from its last finished stage; start those that are not.
+    /// Go on with runs that are there already, each exactly where it was saved last; start those that are not.
     #[arg(long)]
     resume: bool,
+    /// Save running stages after every N updates (rollouts of PPO, 2,048 timesteps of DQN).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    checkpoint_updates: Option<u64>,
+    /// Save running stages every T minutes; 0 for not [default: 2, or 0 with --checkpoint-updates].
+    #[arg(long, value_name = "T", value_parser = parse_minutes)]
+    checkpoint_minutes: Option<Minutes>,
     /// Where networks are computed: cpu, cuda or cuda:N.
     #[arg(long, value_name = "DEVICE", default_value = "cpu", value_parser = parse_device)]
     device: Device,
@@ -50,6 +58,15 @@ pub struct TrainingArgs {
     /// Threads that train [default: one per core].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
+}
+
+/// A duration; none if it is 0.
+type Minutes = Option<Duration>;
+
+fn parse_minutes(text: &str) -> Result<Minutes, String> {
+    let minutes = text.parse::<f64>().ok().filter(|minutes| (0.0..=1e6).contains(minutes));
+    let minutes = minutes.ok_or("expected a number of minutes, such as 2 or 0.5")?;
+    Ok((minutes > 0.0).then(|| Duration::from_secs_f64(60.0 * minutes)))
 }
 
 fn parse_device(text: &str) -> Result<Device, String> {
@@ -69,6 +86,11 @@ impl TrainingArgs {
     /// The first setting that cannot be taken.
     pub fn config(&self) -> Result<Config> {
         Ok(config::resolve(self.algo.as_deref(), self.config.as_deref(), &self.set, self.timesteps)?)
+    }
+
+    fn saving(&self) -> Saving {
+        let unsaid = self.checkpoint_updates.is_none().then_some(SAVING_INTERVAL);
+        Saving { updates: self.checkpoint_updates, interval: self.checkpoint_minutes.unwrap_or(unsaid) }
     }
 
     /// The experiment that these arguments describe.
@@ -97,10 +119,15 @@ impl TrainingArgs {
             backend,
             resume: self.resume,
             plasticity_interval: self.plasticity_interval,
+            saving: self.saving(),
+            stop: Stop::default(),
             command: std::env::args().collect(),
         })
     }
 }
+
+/// What `--checkpoint-minutes` is where nothing says how often to save.
+const SAVING_INTERVAL: Duration = Duration::from_secs(120);
 
 /// Trains, showing progress; `on_event` sees every event first and may print to stdout.
 ///
@@ -123,10 +150,10 @@ pub fn carry_out(experiment: &Experiment, verbosity: Verbosity, mut on_event: im
     outcome
 }
 
-/// Says where the runs are, and turns failed seeds into an error.
+/// Says where the runs are, and turns failed and interrupted seeds into an error.
 ///
 /// # Errors
-/// Names every seed that failed.
+/// Names every seed that failed, and says how to go on with those that a signal stopped.
 pub fn conclude(experiment: &Experiment, verbosity: Verbosity, outcome: &Outcome) -> Result<()> {
     let place = experiment.out.join(&experiment.config.name).join(&experiment.curriculum.name);
     if verbosity != Verbosity::Quiet {
@@ -134,11 +161,35 @@ pub fn conclude(experiment: &Experiment, verbosity: Verbosity, outcome: &Outcome
         let (finished, seeds) = (outcome.finished.len(), experiment.seeds.len());
         tell(format_args!("{finished} of {seeds} seeds finished in {}", place.display()));
     }
-    if outcome.failed.is_empty() {
-        return Ok(());
+    let mut problems = Vec::new();
+    if !outcome.failed.is_empty() {
+        let each = outcome.failed.iter().map(|(seed, why)| format!("  seed {seed}: {why}"));
+        problems.push(format!("{} seeds failed:\n{}", outcome.failed.len(), each.collect::<Vec<_>>().join("\n")));
     }
-    let each = outcome.failed.iter().map(|(seed, why)| format!("  seed {seed}: {why}"));
-    Err(anyhow!("{} seeds failed:\n{}", outcome.failed.len(), each.collect::<Vec<_>>().join("\n")))
+    let waiting = experiment.seeds.len() - outcome.finished.len() - outcome.failed.len();
+    if waiting > 0 {
+        let saved = outcome.interrupted.len();
+        problems.push(format!(
+            "interrupted: {saved} seeds are saved in {}, {} have not begun; go on with\n  {}",
+            place.display(),
+            waiting - saved,
+            resuming(&experiment.command)
+        ));
+        return Err(Interrupted(problems.join("\n")).into());
+    }
+    if problems.is_empty() { Ok(()) } else { Err(anyhow!(problems.join("\n"))) }
+}
+
+/// The command line that goes on with what this one began, for a POSIX shell.
+fn resuming(command: &[String]) -> String {
+    let plain =
+        |word: &String| !word.is_empty() && word.chars().all(|c| c.is_alphanumeric() || "-_./,:=+@".contains(c));
+    let quoted = |word: &String| if plain(word) { word.clone() } else { format!("'{}'", word.replace('\'', r"'\''")) };
+    let mut words: Vec<String> = command.iter().map(quoted).collect();
+    if !command.iter().any(|word| word == "--resume") {
+        words.push("--resume".to_owned());
+    }
+    words.join(" ")
 }
 
 /// What the L2 penalty of the finished runs amounted to, a line per seed; nothing where there is none.
@@ -160,4 +211,23 @@ fn measured_dose(outcome: &Outcome) -> Result<Vec<String>> {
         }
     }
     Ok(lines)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_that_goes_on_can_be_pasted() {
+        let command = |words: &[&str]| resuming(&words.iter().map(|&word| word.to_owned()).collect::<Vec<_>>());
+        assert_eq!(command(&["cpp-rl", "train", "--seeds", "0..3"]), "cpp-rl train --seeds 0..3 --resume");
+        assert_eq!(command(&["cpp-rl", "--resume", "--out", "it's here"]), r"cpp-rl --resume --out 'it'\''s here'");
+    }
+
+    #[test]
+    fn minutes_are_bounded() {
+        assert_eq!(parse_minutes("0.5"), Ok(Some(Duration::from_secs(30))));
+        assert_eq!(parse_minutes("0"), Ok(None));
+        assert!(["-1", "x", "nan", "inf", "1e300"].iter().all(|text| parse_minutes(text).is_err()));
+    }
 }

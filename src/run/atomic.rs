@@ -4,6 +4,9 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::Path;
 
+/// What is appended to the name of a file while it is written aside.
+const PARTIAL: &str = ".partial";
+
 /// Replaces `path` by `bytes`: written aside, synced, renamed, and the directory synced.
 ///
 /// Whatever the moment of a crash, the old content or the new one is there.
@@ -14,7 +17,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     // The parent of a bare file name is the empty path.
     let directory = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(".partial");
+    name.push(PARTIAL);
     let aside = directory.join(name);
     let written = File::create(&aside).and_then(|mut file| {
         file.write_all(bytes)?;
@@ -28,8 +31,22 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     sync_directory(directory)
 }
 
+/// Removes what a killed process left aside in a directory.
+///
+/// # Errors
+/// Those of the file system.
+pub(super) fn sweep(directory: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(directory)? {
+        let path = entry?.path();
+        if path.is_file() && path.as_os_str().as_encoded_bytes().ends_with(PARTIAL.as_bytes()) {
+            fs::remove_file(path)?;
+        }
+    }
+    Ok(())
+}
+
 /// Makes renames in a directory durable, where the platform can.
-fn sync_directory(directory: &Path) -> io::Result<()> {
+pub(super) fn sync_directory(directory: &Path) -> io::Result<()> {
     if cfg!(unix) { File::open(directory)?.sync_all() } else { Ok(()) }
 }
 

@@ -106,6 +106,11 @@ impl<'a> Container<'a> {
         Ok(Self { header: text.clone(), tensors, taken: 0 })
     }
 
+    /// The shape of a tensor, where there is one of this name.
+    pub(super) fn shape(&self, name: &str) -> Option<Vec<usize>> {
+        self.tensors.tensor(name).ok().map(|tensor| tensor.shape().to_vec())
+    }
+
     /// The bytes of a tensor, or nothing where there is none of this name.
     pub(super) fn take(&mut self, name: &str, dtype: Dtype, shape: &[usize]) -> Result<Option<&'a [u8]>, String> {
         let Ok(tensor) = self.tensors.tensor(name) else { return Ok(None) };

@@ -1,12 +1,16 @@
 //! `evaluations.csv`: every evaluated episode of a run.
 
 use std::path::Path;
+use std::{fs, io};
 
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
 use super::atomic;
 use crate::results::{Episode, LevelResult};
+
+/// Its name within the run.
+pub(super) const FILE: &str = "evaluations.csv";
 
 /// When an evaluation was made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -44,8 +48,8 @@ struct Record {
     solved: bool,
 }
 
-/// Writes the file of a run, whole.
-pub(super) fn write(run: &Path, rows: &[Row]) -> Result<()> {
+/// Writes the file of a run, whole; returns its content.
+pub(super) fn write(run: &Path, rows: &[Row]) -> Result<Vec<u8>> {
     let mut csv = csv::Writer::from_writer(Vec::new());
     for row in rows {
         let [r, c] = row.episode.start;
@@ -59,31 +63,40 @@ pub(super) fn write(run: &Path, rows: &[Row]) -> Result<()> {
             solved: row.episode.solved,
         })?;
     }
-    let path = run.join("evaluations.csv");
-    atomic::write(&path, &csv.into_inner()?).with_context(|| format!("cannot write {}", path.display()))
+    let (path, content) = (run.join(FILE), csv.into_inner()?);
+    atomic::write(&path, &content).with_context(|| format!("cannot write {}", path.display()))?;
+    Ok(content)
 }
 
 /// Reads the file of a run; none is no rows.
 ///
 /// # Errors
-/// A file that is not what [`write`] writes, naming it and the line.
+/// A file that is not what a run writes, naming it and the line.
 pub fn read(run: &Path) -> Result<Vec<Row>> {
-    let path = run.join("evaluations.csv");
-    if !path.exists() {
-        return Ok(Vec::new());
-    }
-    let rows = || -> Result<Vec<Row>> {
-        let mut rows = Vec::new();
-        for record in csv::Reader::from_path(&path)?.deserialize() {
-            let record: Record = record?;
-            let start = record.start.split_once(' ').and_then(|(r, c)| Some([r.parse().ok()?, c.parse().ok()?]));
-            let start = start.with_context(|| format!("{:?} is not a start cell \"row column\"", record.start))?;
-            let episode = Episode { start, return_: record.return_, length: record.length, solved: record.solved };
-            rows.push(Row { phase: record.phase, stage: record.stage, level: record.level, episode });
-        }
-        Ok(rows)
+    read_beginning(run, u64::MAX)
+}
+
+/// Reads the first `bytes` of the file.
+pub(super) fn read_beginning(run: &Path, bytes: u64) -> Result<Vec<Row>> {
+    let path = run.join(FILE);
+    let content = match fs::read(&path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        content => content.with_context(|| format!("cannot read {}", path.display()))?,
     };
-    rows().with_context(|| format!("cannot read {}", path.display()))
+    let beginning = &content[..content.len().min(usize::try_from(bytes).unwrap_or(usize::MAX))];
+    rows(beginning).with_context(|| format!("cannot read {}", path.display()))
+}
+
+fn rows(content: &[u8]) -> Result<Vec<Row>> {
+    let mut rows = Vec::new();
+    for record in csv::Reader::from_reader(content).deserialize() {
+        let record: Record = record?;
+        let start = record.start.split_once(' ').and_then(|(r, c)| Some([r.parse().ok()?, c.parse().ok()?]));
+        let start = start.with_context(|| format!("{:?} is not a start cell \"row column\"", record.start))?;
+        let episode = Episode { start, return_: record.return_, length: record.length, solved: record.solved };
+        rows.push(Row { phase: record.phase, stage: record.stage, level: record.level, episode });
+    }
+    Ok(rows)
 }
 
 /// The result of one evaluation of one level, if there was one.

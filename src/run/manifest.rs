@@ -7,6 +7,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::atomic;
+use super::container::NO_CRC;
+use super::logs::Marks;
 use crate::error::UserError;
 
 /// The version of the manifest's fields, which a reader must know.
@@ -29,6 +31,9 @@ pub struct Manifest {
     pub stages: Vec<StageEntry>,
     /// Stages finished so far.
     pub stages_done: u16,
+    /// How far the other files had grown at the end of each finished stage; older versions did not say.
+    #[serde(default)]
+    pub marks: Vec<Marks>,
     /// Names of the levels it is evaluated on.
     pub levels: Vec<String>,
     /// Every setting, resolved.
@@ -48,6 +53,9 @@ pub struct Manifest {
     pub host: Host,
     /// The command as it was typed.
     pub command: Vec<String>,
+    /// Every start of the run, the first one first; older versions did not say.
+    #[serde(default)]
+    pub starts: Vec<Start>,
     /// When the run was started, UTC.
     pub started: String,
     /// When this file was written, UTC.
@@ -62,6 +70,8 @@ pub struct Manifest {
 pub enum Status {
     /// It runs, or was killed.
     Running,
+    /// A signal stopped it, and its state is saved.
+    Interrupted,
     /// All stages are done.
     Finished,
     /// It cannot go on, and why.
@@ -76,6 +86,26 @@ pub struct StageEntry {
     /// The level's map, rows joined by newlines.
     pub map: String,
     /// Timesteps asked for.
+    pub timesteps: u64,
+    /// Timesteps that schedules span, where the run was extended: those first asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub horizon: Option<u64>,
+}
+
+/// One start of a run.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Start {
+    /// When, UTC.
+    pub time: String,
+    /// The command as it was typed.
+    pub command: Vec<String>,
+    /// Versions of everything that matters.
+    pub versions: Versions,
+    /// The machine.
+    pub host: Host,
+    /// The instruction set of its fused kernel: results on another one differ by rounding.
+    pub instruction_set: String,
+    /// Timesteps of all stages that had been done.
     pub timesteps: u64,
 }
 
@@ -126,7 +156,32 @@ impl Host {
     }
 }
 
+impl Start {
+    /// This start, by `command`, of a run of which `timesteps` are done.
+    pub fn here(command: &[String], timesteps: u64) -> Self {
+        Self {
+            time: now(),
+            command: command.to_vec(),
+            versions: Versions::here(),
+            host: Host::here(),
+            instruction_set: bit_mlp::instruction_set().to_owned(),
+            timesteps,
+        }
+    }
+}
+
 impl Manifest {
+    /// Asks for more timesteps of the only stage, which is taken up again; schedules keep the horizon they had.
+    pub(super) fn extend(&mut self, timesteps: u64) {
+        for stage in &mut self.stages {
+            stage.horizon.get_or_insert(stage.timesteps);
+            stage.timesteps = timesteps;
+        }
+        self.config.insert("timesteps".to_owned(), timesteps.into());
+        self.stages_done = 0;
+        self.marks.clear();
+    }
+
     /// The step limit of its episodes.
     pub fn max_steps(&self) -> u32 {
         let limit = self.config.get("max_steps").and_then(Value::as_u64).and_then(|v| u32::try_from(v).ok());
@@ -140,6 +195,7 @@ impl Manifest {
     pub fn read(directory: &Path) -> Result<Self> {
         let path = directory.join("manifest.json");
         let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        check_crc(&text).map_err(|problem| UserError::new(format!("{}: {problem}", path.display())))?;
         let value: Value = serde_json::from_str(&text)
             .map_err(|e| UserError::new(format!("{} is not a manifest of cpp-rl: {e}", path.display())))?;
         match value.get("format").and_then(Value::as_u64) {
@@ -160,9 +216,36 @@ impl Manifest {
     pub fn write(&mut self, directory: &Path) -> Result<()> {
         self.updated = now();
         let path = directory.join("manifest.json");
-        let text = serde_json::to_string_pretty(self)? + "\n";
+        let mut text = serde_json::to_string_pretty(&Sealed { crc32: NO_CRC, manifest: self })? + "\n";
+        let crc = format!("{:08x}", crc32fast::hash(text.as_bytes()));
+        text.replace_range(CRC_START.len()..CRC_START.len() + NO_CRC.len(), &crc);
         atomic::write(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
     }
+}
+
+/// The manifest as it stands in the file.
+#[derive(Serialize)]
+struct Sealed<'a> {
+    crc32: &'static str,
+    #[serde(flatten)]
+    manifest: &'a Manifest,
+}
+
+/// How the file begins, up to the digits of its checksum.
+const CRC_START: &str = "{\n  \"crc32\": \"";
+
+/// Compares the checksum with the text, where it has one: it is taken while its own digits are zeros.
+fn check_crc(text: &str) -> Result<(), &'static str> {
+    let Some((digits, rest)) = text.strip_prefix(CRC_START).and_then(|rest| rest.split_at_checked(NO_CRC.len())) else {
+        return Ok(());
+    };
+    if format!("{:08x}", crc32fast::hash(format!("{CRC_START}{NO_CRC}{rest}").as_bytes())) == digits {
+        return Ok(());
+    }
+    Err(
+        "its checksum does not fit its content: was it cut short, damaged or edited? (Without its line crc32 it is taken \
+         as it is.)",
+    )
 }
 
 /// The present time, UTC, to the second.

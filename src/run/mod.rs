@@ -1,56 +1,95 @@
 //! A run's directory: the only code that writes under `runs/`.
 //!
-//! A finished stage is the unit that survives: its evaluations, then its checkpoint, and last the manifest's
-//! `stages_done`, each whole or not at all. What a killed process wrote after that is cut back on resume, and since a
-//! stage depends on its seed, its number and the agent before it alone, the resumed run ends with the same bytes.
+//! What survives a kill is the newest of a run's snapshots (`checkpoints/latest/`) and stage checkpoints. Each says how
+//! far the logs had grown; on resume they are cut back to that, and what comes after is made anew, byte by byte. All
+//! other files appear whole or not at all. docs/reliability.md tells it for users.
 
 mod atomic;
 pub mod checkpoint;
 mod container;
 pub mod evaluations;
+mod lock;
+pub mod logs;
 pub mod manifest;
 mod progress;
+pub mod retention;
+mod settings;
+mod snapshot;
+mod standing;
 
-use std::fs::{self, File, TryLockError};
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 use crate::agent::network::Network;
+use crate::agent::snapshot::Snapshot;
 use crate::agent::state::AgentState;
-use crate::agent::{Metrics, Stage};
+use crate::agent::{self, Metrics, Stage};
+use crate::config::Config;
+use crate::dose::StageDose;
 use crate::error::UserError;
 use crate::results::LevelResult;
 use checkpoint::{Checkpoint, Origin};
 use evaluations::{Phase, Row};
-use manifest::{Manifest, Status};
-use progress::{StageLog, plasticity_place, progress_place};
+use lock::Lock;
+use logs::{Logs, Mark, Marks, PLASTICITY, PROGRESS};
+use manifest::{Manifest, Start, Status};
+use progress::When;
+use snapshot::SavedSnapshot;
+use standing::Found;
 
 pub use atomic::write as write_file;
+pub use settings::differences;
+pub use standing::Standing;
+
+/// What writes the files.
+const SOURCE: &str = concat!("cpp-rl ", env!("CARGO_PKG_VERSION"));
+/// Snapshots kept of the running stage.
+const KEPT_SNAPSHOTS: usize = 2;
+
+/// What a run is to be, as a start asks for it.
+#[derive(Clone, Debug)]
+pub struct Plan<'a> {
+    /// The manifest of a run that begins now.
+    pub manifest: Manifest,
+    /// Its settings.
+    pub config: &'a Config,
+    /// Its stages.
+    pub stages: &'a [Stage],
+    /// Whether it may be extended after its end, so that the state at its end is kept.
+    pub extensible: bool,
+    /// Whether a run that is there goes on.
+    pub resume: bool,
+}
 
 /// The directory of one run, locked for this process.
 pub struct RunDir {
     path: PathBuf,
     manifest: Manifest,
-    progress: StageLog,
-    plasticity: StageLog,
+    logs: Logs,
     evaluations: Vec<Row>,
+    /// That of the file of evaluations as it stands.
+    evaluated: Mark,
+    network: Network,
+    extensible: bool,
+    /// The newest file to go on from.
+    newest: Option<PathBuf>,
     /// When this process took the run up, and the seconds spent before.
     since: (Instant, f64),
-    /// Held until the process ends, however it ends.
-    _lock: File,
+    _lock: Lock,
 }
 
-/// What was found where a run is to be.
-pub enum Opened {
-    /// Nothing: the run begins.
-    Fresh(RunDir),
-    /// Some stages: the run goes on after them, with this agent.
-    Resumed(RunDir, Box<AgentState>),
-    /// All stages.
-    Finished(RunDir),
+/// A run's directory as it was found.
+pub struct Opened {
+    /// The directory.
+    pub dir: RunDir,
+    /// Where the run goes on.
+    pub standing: Standing,
+    /// What the user should know, such as that a damaged file was passed over.
+    pub notices: Vec<String>,
 }
 
 /// The path of a stage's checkpoint within a run.
@@ -59,66 +98,72 @@ pub fn stage_checkpoint(run: &Path, stage: u16) -> PathBuf {
 }
 
 impl RunDir {
-    /// Takes a run's directory: creates it, or continues it if `resume` is given.
+    /// Looks whether a run could be opened, without making anything: what is wrong with one of many is better known
+    /// before the first begins.
     ///
     /// # Errors
-    /// A run that is there already, is held by another process, or had other settings; and those of the file system.
-    pub fn open(path: &Path, fresh: Manifest, resume: bool) -> Result<Opened> {
-        fs::create_dir_all(path.join("checkpoints"))
-            .with_context(|| format!("cannot create the run's directory {}", path.display()))?;
-        let lock = lock(path)?;
-        if !resume {
-            Self::refuse_existing(path)?;
-        }
-        let exists = path.join("manifest.json").exists();
-        let mut manifest = if exists { Manifest::read(path)? } else { fresh.clone() };
-        refuse_changes(path, &manifest, &fresh)?;
-        let done = manifest.stages_done;
+    /// A run that is there already, is held by another process, or had other settings.
+    pub fn look(path: &Path, plan: &Plan<'_>) -> Result<()> {
+        settings::settle(path, plan)?;
+        Lock::try_out(path)
+    }
 
-        let agent = match done.checked_sub(1) {
-            None => None,
-            Some(last) => Some(last_agent(path, last, &manifest)?),
-        };
-        let mut evaluations = if exists { evaluations::read(path)? } else { Vec::new() };
-        evaluations.retain(|row| row.stage < done);
-        let finished = usize::from(done) == manifest.stages.len();
-        if finished && manifest.status != Status::Finished {
-            manifest.status = Status::Finished;
-            manifest.write(path)?;
-        } else if !finished {
+    /// Takes a run's directory: creates it, or continues it if the plan says so.
+    ///
+    /// # Errors
+    /// As [`RunDir::look`]; a run of which too much is damaged; and those of the file system.
+    pub fn open(path: &Path, plan: &Plan<'_>) -> Result<Opened> {
+        let folder = snapshot::folder(path);
+        fs::create_dir_all(&folder).with_context(|| format!("cannot create the run's directory {}", path.display()))?;
+        let lock = Lock::take(path)?;
+        refuse_lost_manifest(path)?;
+        let (mut manifest, extended) = settings::settle(path, plan)?;
+        for directory in [path, &path.join("checkpoints"), &folder] {
+            atomic::sweep(directory).with_context(|| format!("cannot tidy up {}", directory.display()))?;
+        }
+        let network = agent::network(plan.config, &plan.stages[0].level);
+        let Found { standing, marks, seconds, file, mut notices } =
+            standing::find(path, &manifest, plan, &network, extended)?;
+        if let Standing::Finished = standing {
+            if manifest.status != Status::Finished {
+                manifest.status = Status::Finished;
+                manifest.write(path)?;
+            }
+        } else {
+            discard_after(path, standing.timesteps())?;
+            let start = Start::here(&plan.manifest.command, standing.timesteps());
+            notices.extend(manifest.starts.last().and_then(|last| other_instructions(path, last, &start)));
             manifest.status = Status::Running;
-            manifest.command.clone_from(&fresh.command);
-            manifest.plasticity_interval = fresh.plasticity_interval;
-            manifest.versions = fresh.versions;
-            manifest.host = fresh.host;
+            manifest.command.clone_from(&start.command);
+            manifest.plasticity_interval = plan.manifest.plasticity_interval;
+            manifest.versions = start.versions.clone();
+            manifest.host = start.host.clone();
+            manifest.starts.push(start);
             manifest.write(path)?;
         }
-        let since = (Instant::now(), manifest.seconds);
-        let progress = StageLog::open(&path.join("progress.csv"), done)?;
-        let plasticity = StageLog::open(&path.join("plasticity.csv"), done)?;
-        let dir = Self { path: path.to_owned(), manifest, progress, plasticity, evaluations, since, _lock: lock };
-        Ok(match agent {
-            _ if finished => Opened::Finished(dir),
-            None => Opened::Fresh(dir),
-            Some(agent) => Opened::Resumed(dir, Box::new(agent)),
-        })
-    }
-
-    /// Refuses a directory that holds a run.
-    ///
-    /// # Errors
-    /// Names the flags that resolve it.
-    pub fn refuse_existing(path: &Path) -> Result<()> {
-        if !path.join("manifest.json").exists() {
-            return Ok(());
-        }
-        let message = "holds a run already: continue it with --resume, or choose another folder with --out";
-        Err(UserError::new(format!("{} {message}", path.display())).into())
-    }
-
-    /// Starts the run's clock, which stood while it waited for its turn.
-    pub fn take_up(&mut self) {
-        self.since.0 = Instant::now();
+        let evaluated = marks.get(evaluations::FILE).copied().unwrap_or_default();
+        let evaluations = match standing {
+            Standing::Finished => evaluations::read(path)?,
+            _ => evaluations::read_beginning(path, evaluated.bytes)?,
+        };
+        let since = (Instant::now(), seconds.unwrap_or(manifest.seconds));
+        let logs = match standing {
+            Standing::Finished => Logs::closed(path),
+            _ => Logs::cut_back(path, &marks)?,
+        };
+        let dir = Self {
+            path: path.to_owned(),
+            manifest,
+            logs,
+            evaluations,
+            evaluated,
+            network,
+            extensible: plan.extensible,
+            newest: file,
+            since,
+            _lock: lock,
+        };
+        Ok(Opened { dir, standing, notices })
     }
 
     /// Where it is.
@@ -131,6 +176,11 @@ impl RunDir {
         self.manifest.stages_done
     }
 
+    /// Timesteps that the schedules of a stage span, where the run was extended.
+    pub fn horizon(&self, stage: u16) -> Option<u64> {
+        self.manifest.stages.get(usize::from(stage))?.horizon
+    }
+
     /// What is recorded of the L2 penalty's dose.
     pub fn dose(&self) -> &Value {
         &self.manifest.dose
@@ -139,6 +189,11 @@ impl RunDir {
     /// Everything evaluated so far.
     pub fn evaluations(&self) -> &[Row] {
         &self.evaluations
+    }
+
+    /// The newest file that a start could go on from.
+    pub fn newest_checkpoint(&self) -> Option<&Path> {
+        self.newest.as_deref()
     }
 
     /// Writes the resolved config.
@@ -150,15 +205,17 @@ impl RunDir {
         atomic::write(&path, yaml.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
     }
 
-    /// Appends a row to `progress.csv`: `timesteps` of the stage, and `metrics`.
+    /// Appends a row to `progress.csv`: `timesteps` of the stage, `cumulative` ones of all stages, and `metrics`.
     ///
     /// # Errors
     /// Those of the file system.
     pub fn log(&mut self, stage: &Stage, timesteps: u64, cumulative: u64, metrics: &Metrics) -> Result<()> {
-        self.progress.append(&progress_place(stage, timesteps, cumulative, self.seconds()), metrics)
+        let when = When { timesteps, cumulative, seconds: self.seconds() };
+        let row = progress::row(self.logs.is_empty(PROGRESS), stage, when, metrics)?;
+        self.logs.append(PROGRESS, &row)
     }
 
-    /// Appends a row to `plasticity.csv`: `timesteps` of the stage, and `measures`.
+    /// Appends a row to `plasticity.csv`: `timesteps` of the stage, `cumulative` ones of all stages, and `measures`.
     ///
     /// # Errors
     /// Those of the file system.
@@ -169,7 +226,9 @@ impl RunDir {
         cumulative: u64,
         measures: &[(String, f64)],
     ) -> Result<()> {
-        self.plasticity.append(&plasticity_place(stage, timesteps, cumulative), measures)
+        let when = When { timesteps, cumulative, seconds: self.seconds() };
+        let row = progress::plasticity_row(self.logs.is_empty(PLASTICITY), stage, when, measures)?;
+        self.logs.append(PLASTICITY, &row)
     }
 
     /// Writes results of all levels, `stage` stages being done (`Before`) or the stage just trained (`After`).
@@ -182,18 +241,33 @@ impl RunDir {
             result.episodes.iter().cloned().map(row).collect::<Vec<_>>()
         };
         self.evaluations.extend(results.iter().flat_map(rows));
-        evaluations::write(&self.path, &self.evaluations)
+        self.evaluated = Mark::of(&evaluations::write(&self.path, &self.evaluations)?);
+        Ok(())
+    }
+
+    /// Saves a run in the midst of a stage, which goes on from there if the process ends.
+    ///
+    /// # Errors
+    /// Those of the file system; what was saved before is then still whole.
+    pub fn save(&mut self, stage: &Stage, snapshot: Snapshot, dose: StageDose) -> Result<()> {
+        self.logs.sync()?;
+        let timesteps = snapshot.agent.counters.timesteps;
+        let before = timesteps - snapshot.position.timesteps;
+        let saved = SavedSnapshot { stage: stage.index, snapshot, dose, seconds: self.seconds(), marks: self.marks() };
+        let path = snapshot::path(&self.path, timesteps);
+        saved.write(&path, &self.network).with_context(|| format!("cannot write {}", path.display()))?;
+        self.newest = Some(path);
+        self.retain(before)
     }
 
     /// Ends a stage: its checkpoint, then the manifest that counts it.
     ///
     /// # Errors
     /// Those of the file system.
-    pub fn finish_stage(&mut self, stage: &Stage, network: &Network, agent: &AgentState, dose: Value) -> Result<()> {
-        self.progress.sync()?;
-        self.plasticity.sync()?;
+    pub fn finish_stage(&mut self, stage: &Stage, agent: &AgentState, dose: Value) -> Result<()> {
+        self.logs.sync()?;
         let checkpoint = Checkpoint {
-            network: network.clone(),
+            network: self.network.clone(),
             agent: agent.clone(),
             has_adam: true,
             origin: Origin {
@@ -202,16 +276,29 @@ impl RunDir {
                 seed: Some(agent.seed),
                 stage: Some(stage.index),
                 level: Some(stage.level.name().to_owned()),
-                source: concat!("cpp-rl ", env!("CARGO_PKG_VERSION")).to_owned(),
+                source: SOURCE.to_owned(),
             },
         };
         let path = stage_checkpoint(&self.path, stage.index);
         checkpoint.write(&path).with_context(|| format!("cannot write {}", path.display()))?;
+        self.newest = Some(path);
         self.manifest.stages_done = stage.index + 1;
+        self.manifest.marks.truncate(stage.index.into());
+        self.manifest.marks.push(self.marks());
         self.manifest.dose = dose;
         if usize::from(self.manifest.stages_done) == self.manifest.stages.len() {
             self.manifest.status = Status::Finished;
         }
+        self.write_manifest()?;
+        self.retain(agent.counters.timesteps)
+    }
+
+    /// Records that a signal stopped the run, whose state has been saved.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn interrupt(&mut self) -> Result<()> {
+        self.manifest.status = Status::Interrupted;
         self.write_manifest()
     }
 
@@ -234,64 +321,50 @@ impl RunDir {
         let (start, before) = self.since;
         before + start.elapsed().as_secs_f64()
     }
-}
 
-/// The agent after stage `last`, if its checkpoint is this run's.
-fn last_agent(path: &Path, last: u16, manifest: &Manifest) -> Result<AgentState> {
-    let file = stage_checkpoint(path, last);
-    let Checkpoint { agent, origin, has_adam, .. } = Checkpoint::read(&file)?;
-    let level = manifest.stages.get(usize::from(last)).map(|stage| stage.level.clone());
-    if !has_adam || (origin.seed, origin.stage, origin.level) != (Some(manifest.seed), Some(last), level) {
-        let message = "is not the checkpoint that this run wrote: put it back, or start a new run with --out";
-        return Err(UserError::new(format!("{} {message}", file.display())).into());
-    }
-    Ok(agent)
-}
-
-/// Keeps other processes out; the operating system lets go of the lock when this one ends, however it ends.
-fn lock(path: &Path) -> Result<File> {
-    let file = path.join(".lock");
-    let lock = File::create(&file).with_context(|| format!("cannot create {}", file.display()))?;
-    match lock.try_lock() {
-        Ok(()) => Ok(lock),
-        Err(TryLockError::WouldBlock) => Err(UserError::new(format!(
-            "{} is being written by another process: wait for it, or choose another folder with --out",
-            path.display()
-        ))
-        .into()),
-        Err(TryLockError::Error(error)) => Err(error).with_context(|| format!("cannot lock {}", file.display())),
-    }
-}
-
-/// Refuses to continue a run with anything but the settings it began with.
-fn refuse_changes(path: &Path, old: &Manifest, new: &Manifest) -> Result<()> {
-    let mut changes = differences(&old.config, &new.config);
-    if old.stages != new.stages {
-        let list = |m: &Manifest| m.stages.iter().map(|s| format!("{} × {}", s.level, s.timesteps)).collect::<Vec<_>>();
-        let (old, new) = (list(old).join(", "), list(new).join(", "));
-        changes.push(format!("stages: {old} → {new}{}", if old == new { " (a map has changed)" } else { "" }));
-    }
-    for (key, old, new) in [("kernel", &old.kernel, &new.kernel), ("device", &old.device, &new.device)] {
-        if old != new {
-            changes.push(format!("{key}: {old} → {new}"));
+    /// How far all files have grown that are added to.
+    fn marks(&self) -> Marks {
+        let mut marks = self.logs.marks();
+        if self.evaluated.bytes > 0 {
+            marks.insert(evaluations::FILE.to_owned(), self.evaluated);
         }
+        marks
     }
-    if changes.is_empty() {
+
+    /// Removes the snapshots that are no longer needed, `ended` timesteps having passed when the last stage ended.
+    fn retain(&self, ended: u64) -> Result<()> {
+        // A run that may be extended goes on in its only stage, ended or not.
+        let ended = if self.extensible { 0 } else { ended };
+        let remove = || {
+            let superseded = retention::superseded(&snapshot::list(&self.path)?, KEPT_SNAPSHOTS, ended);
+            superseded.into_iter().try_for_each(|timesteps| fs::remove_file(snapshot::path(&self.path, timesteps)))
+        };
+        remove().with_context(|| format!("cannot tidy up {}", snapshot::folder(&self.path).display()))
+    }
+}
+
+/// Removes the snapshots taken after these timesteps: the logs do not reach that far any more.
+fn discard_after(run: &Path, timesteps: u64) -> Result<()> {
+    let discard = || {
+        let later = snapshot::list(run)?.into_iter().filter(|&taken| taken > timesteps);
+        later.map(|taken| snapshot::path(run, taken)).try_for_each(fs::remove_file)
+    };
+    discard().with_context(|| format!("cannot tidy up {}", snapshot::folder(run).display()))
+}
+
+/// Refuses a directory with checkpoints of a run but without its manifest: to begin there would destroy them.
+fn refuse_lost_manifest(run: &Path) -> Result<()> {
+    let snapshots = snapshot::list(run).with_context(|| format!("cannot list {}", run.display()))?;
+    if run.join("manifest.json").exists() || (snapshots.is_empty() && !stage_checkpoint(run, 0).exists()) {
         return Ok(());
     }
-    Err(UserError::new(format!(
-        "{} was started with other settings:\n  {}\ncontinue it with its own settings, or start a new run with --out",
-        path.display(),
-        changes.join("\n  ")
-    ))
-    .into())
+    let message = "holds checkpoints but no manifest.json: put it back, or choose another folder with --out";
+    Err(UserError::new(format!("{} {message}", run.display())).into())
 }
 
-/// The keys in which two configs differ, as `key: old → new`.
-pub fn differences(old: &Map<String, Value>, new: &Map<String, Value>) -> Vec<String> {
-    let show = |value: Option<&Value>| value.map_or_else(|| "absent".to_owned(), Value::to_string);
-    let keys = old.keys().chain(new.keys().filter(|key| !old.contains_key(*key)));
-    keys.filter(|key| old.get(*key) != new.get(*key))
-        .map(|key| format!("{key}: {} → {}", show(old.get(key)), show(new.get(key))))
-        .collect()
+/// What to say where the machine computes with other instructions than at the last start.
+fn other_instructions(run: &Path, last: &Start, now: &Start) -> Option<String> {
+    let (last, now) = (&last.instruction_set, &now.instruction_set);
+    (last != now)
+        .then(|| format!("{} goes on with {now} instead of {last}: its numbers will differ by rounding", run.display()))
 }

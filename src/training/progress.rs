@@ -97,6 +97,8 @@ impl Progress {
             Event::StageDone { seed, stage } => {
                 self.line(&format!("seed {seed}: stage {stage} is done, the last is {}", self.stages - 1));
             }
+            Event::Notice { seed, what } => self.important(&format!("seed {seed}: {what}")),
+            Event::Interrupted { seed } => self.line(&format!("seed {seed} is saved")),
             Event::Failed { seed, why } => self.important(&format!("seed {seed} failed: {why}")),
         }
     }

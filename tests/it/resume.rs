@@ -147,15 +147,15 @@ fn a_damaged_run_is_refused_in_words() {
     let mut changed = whole.clone();
     *changed.last_mut().expect("not empty") ^= 1;
     fs::write(&path, &changed).expect("writable");
-    let error = sandbox.fails(2, &resume);
+    let error = sandbox.fails(1, &resume);
     assert!(error.contains("stage-0.safetensors") && error.contains("checksum"), "{error}");
 
     fs::write(&path, &whole[..whole.len() / 2]).expect("writable");
-    let error = sandbox.fails(2, &resume);
+    let error = sandbox.fails(1, &resume);
     assert!(error.contains("stage-0.safetensors") && error.contains("cut short"), "{error}");
 
     fs::remove_file(&path).expect("writable");
-    let error = sandbox.fails(2, &resume);
+    let error = sandbox.fails(1, &resume);
     assert!(error.contains("stage-0.safetensors") && error.contains("cannot read the checkpoint"), "{error}");
 
     fs::write(&path, &whole).expect("writable");

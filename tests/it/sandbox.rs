@@ -41,7 +41,7 @@ max_steps: 20
 learning_rate: 1e-3
 ";
 
-/// A temporary folder with levels and the settings `ppo.yaml` and `dqn.yaml`.
+/// A temporary folder with levels and the settings `ppo.yaml`, `ppo-l2.yaml` and `dqn.yaml`.
 pub struct Sandbox(TempDir);
 
 impl Sandbox {
@@ -51,6 +51,7 @@ impl Sandbox {
         for (name, text) in LEVELS.into_iter().chain([("ppo.yaml", PPO), ("dqn.yaml", DQN)]) {
             sandbox.write(name, text);
         }
+        sandbox.write("ppo-l2.yaml", PPO.replace("extends: ppo", "extends: ppo-l2"));
         sandbox
     }
 
@@ -137,9 +138,17 @@ impl RunFiles {
 
     /// Rewrites the manifest so that only the first `stages` stages are done, as a kill can leave it.
     pub fn unfinish(&self, stages: u16) {
+        self.rewrite_manifest(|manifest| {
+            manifest["stages_done"] = stages.into();
+            manifest["status"] = serde_json::json!({ "state": "running" });
+        });
+    }
+
+    /// Rewrites the manifest, without its checksum.
+    pub fn rewrite_manifest(&self, change: impl FnOnce(&mut Value)) {
         let mut manifest = self.manifest();
-        manifest["stages_done"] = stages.into();
-        manifest["status"] = serde_json::json!({ "state": "running" });
+        manifest.as_object_mut().expect("an object").remove("crc32");
+        change(&mut manifest);
         fs::write(self.0.join("manifest.json"), manifest.to_string()).expect("the run is writable");
     }
 

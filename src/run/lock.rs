@@ -1,0 +1,50 @@
+//! The lock that keeps two processes out of one run's directory.
+
+use std::fs::{File, TryLockError};
+use std::path::Path;
+
+use anyhow::{Context, Result};
+
+use crate::error::UserError;
+
+/// Its name within the run.
+const NAME: &str = ".lock";
+
+/// Held for as long as it lives; the operating system lets go of it when the process ends, however it ends.
+pub(super) struct Lock(#[expect(dead_code, reason = "it is held, not used")] File);
+
+impl Lock {
+    /// Takes the lock of a run.
+    ///
+    /// # Errors
+    /// That another process has it; and those of the file system.
+    pub(super) fn take(run: &Path) -> Result<Self> {
+        let path = run.join(NAME);
+        let file = File::create(&path).with_context(|| format!("cannot create {}", path.display()))?;
+        Self::of(file, run)
+    }
+
+    /// Says whether the lock could be taken, without making anything.
+    ///
+    /// # Errors
+    /// As [`Lock::take`].
+    pub(super) fn try_out(run: &Path) -> Result<()> {
+        match File::open(run.join(NAME)) {
+            Ok(file) => Self::of(file, run).map(|_| ()),
+            // No lock, or none that may be read: taking it will tell.
+            Err(_) => Ok(()),
+        }
+    }
+
+    fn of(file: File, run: &Path) -> Result<Self> {
+        match file.try_lock() {
+            Ok(()) => Ok(Self(file)),
+            Err(TryLockError::WouldBlock) => Err(UserError::new(format!(
+                "{} is being written by another process: wait for it, or choose another folder with --out",
+                run.display()
+            ))
+            .into()),
+            Err(TryLockError::Error(error)) => Err(error).with_context(|| format!("cannot lock {}", run.display())),
+        }
+    }
+}

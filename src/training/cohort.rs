@@ -1,0 +1,292 @@
+//! Seeds that train on one thread: opened, trained stage by stage, saved on the way.
+
+use std::sync::mpsc::Sender;
+
+use anyhow::{Result, anyhow};
+
+use super::saving::SinceSaved;
+use super::{Event, Experiment, FinishedRun, Outcome};
+use crate::agent::network::Network;
+use crate::agent::snapshot::Snapshot;
+use crate::agent::state::AgentState;
+use crate::agent::{self, Metrics, Stage};
+use crate::dose::Dose;
+use crate::evaluate::{self, Choose, Starts};
+use crate::plasticity::Monitor;
+use crate::results::LevelResult;
+use crate::run::evaluations::Phase;
+use crate::run::{Opened, RunDir, Standing};
+
+/// Takes these seeds up where they stand and trains them to their end, or until a stop is requested.
+pub(super) fn train(experiment: &Experiment, seeds: &[u64], events: &Sender<Event>) -> Outcome {
+    let mut outcome = Outcome::default();
+    let mut cohorts: Vec<Cohort<'_>> = Vec::new();
+    for &seed in seeds {
+        match Run::open(experiment, seed, events) {
+            Ok(Taken::Finished(run)) => outcome.finished.push(run),
+            Ok(Taken::Run(run)) => match cohorts.iter_mut().find(|cohort| cohort.runs[0].place() == run.place()) {
+                Some(cohort) => cohort.runs.push(*run),
+                None => cohorts.push(Cohort { experiment, events, runs: vec![*run] }),
+            },
+            Err(error) => {
+                let why = format!("{error:#}");
+                let _ = events.send(Event::Failed { seed, why: why.clone() });
+                outcome.failed.push((seed, why));
+            }
+        }
+    }
+    for cohort in cohorts {
+        outcome.extend(cohort.train());
+    }
+    outcome
+}
+
+/// Runs that advance together: they stand at the same timestep of the same stage.
+struct Cohort<'a> {
+    experiment: &'a Experiment,
+    events: &'a Sender<Event>,
+    runs: Vec<Run>,
+}
+
+/// One seed of a cohort.
+struct Run {
+    seed: u64,
+    dir: RunDir,
+    agent: AgentState,
+    /// Where its first stage goes on, if not at its beginning.
+    snapshot: Option<Snapshot>,
+    dose: Dose,
+    /// `train/n_updates` of the last row.
+    updates: f64,
+    failure: Option<String>,
+}
+
+/// A seed as it was found.
+enum Taken {
+    Run(Box<Run>),
+    Finished(FinishedRun),
+}
+
+/// Whether a stage came to its end.
+#[derive(PartialEq, Eq)]
+enum Stopped {
+    AtItsEnd,
+    BySignal,
+}
+
+impl Run {
+    fn open(experiment: &Experiment, seed: u64, events: &Sender<Event>) -> Result<Taken> {
+        let Opened { dir, standing, notices } = RunDir::open(&experiment.run_path(seed), &experiment.plan(seed))?;
+        for what in notices {
+            let _ = events.send(Event::Notice { seed, what });
+        }
+        let mut dose = Dose::new(&experiment.config, &experiment.curriculum, dir.dose());
+        dose.go_on(dir.stages_done(), Default::default());
+        let timesteps = standing.timesteps();
+        let (agent, snapshot) = match standing {
+            Standing::Finished => return Ok(Taken::Finished(FinishedRun::new(seed, &dir))),
+            Standing::Fresh => (agent::fresh(&experiment.config, experiment.level(0), seed), None),
+            Standing::Between(agent) => (*agent, None),
+            Standing::Within(snapshot, of_stage) => {
+                dose.go_on(dir.stages_done(), of_stage);
+                (snapshot.agent.clone(), Some(*snapshot))
+            }
+        };
+        if timesteps > 0 {
+            let _ = events.send(Event::Resumed { seed, timesteps });
+        }
+        let updates = agent.counters.updates as f64;
+        Ok(Taken::Run(Box::new(Self { seed, dir, agent, snapshot, dose, updates, failure: None })))
+    }
+
+    /// What runs that advance together have in common.
+    fn place(&self) -> (u16, u64, Option<u64>) {
+        let stage = self.dir.stages_done();
+        let timesteps = self.snapshot.as_ref().map_or(0, |snapshot| snapshot.position.timesteps);
+        (stage, timesteps, self.dir.horizon(stage))
+    }
+
+    /// Does something with the run, unless it has failed; an error is its failure.
+    fn attempt(&mut self, events: &Sender<Event>, what: impl FnOnce(&mut Self) -> Result<()>) {
+        if self.failure.is_some() {
+            return;
+        }
+        if let Err(error) = what(self) {
+            let why = format!("{error:#}");
+            // The manifest may be what cannot be written; the failure is reported all the same.
+            let _ = self.dir.fail(&why);
+            let _ = events.send(Event::Failed { seed: self.seed, why: why.clone() });
+            self.failure = Some(why);
+        }
+    }
+
+    /// Takes in a row of the log.
+    fn log(&mut self, stage: &Stage, timesteps: u64, row: &Metrics, events: &Sender<Event>) -> Result<()> {
+        let cumulative = self.agent.counters.timesteps + timesteps;
+        check_finite(row, self.updates).map_err(|what| {
+            let newest = self.dir.newest_checkpoint().map_or("none yet".to_owned(), |file| file.display().to_string());
+            anyhow!(
+                "{what} by timestep {cumulative} (update {}): the last good checkpoint is {newest}; a smaller \
+                 learning_rate or max_grad_norm may help",
+                value(row, "train/n_updates")
+            )
+        })?;
+        self.updates = value(row, "train/n_updates");
+        self.dose.measure(row);
+        self.dir.log(stage, timesteps, cumulative, row)?;
+        let (seed, stage, mean_return) = (self.seed, stage.index, value(row, "rollout/ep_rew_mean"));
+        let _ = events.send(Event::Progress { seed, stage, timesteps: cumulative, mean_return });
+        Ok(())
+    }
+
+    /// Takes in a measurement of plasticity.
+    fn log_plasticity(&mut self, stage: &Stage, timesteps: u64, measures: &[(String, f64)]) -> Result<()> {
+        self.dir.log_plasticity(stage, timesteps, self.agent.counters.timesteps + timesteps, measures)
+    }
+}
+
+impl Cohort<'_> {
+    /// Trains all stages that are left.
+    fn train(mut self) -> Outcome {
+        let network = agent::network(&self.experiment.config, self.experiment.level(0));
+        let yaml = self.experiment.config.to_yaml();
+        self.each(|experiment, _, run| {
+            run.dir.write_config(&yaml)?;
+            if run.agent.counters.timesteps > 0 {
+                return Ok(());
+            }
+            let results = evaluate_all(experiment, &network, &run.agent);
+            run.dir.evaluated(Phase::Before, 0, &results)
+        });
+        let (first, _, horizon) = self.runs[0].place();
+        for stage in &self.experiment.curriculum.stages[usize::from(first)..] {
+            let stage = Stage { horizon: horizon.unwrap_or(stage.horizon), ..stage.clone() };
+            if self.train_stage(&stage) == Stopped::BySignal {
+                self.each(|_, events, run| {
+                    run.dir.interrupt()?;
+                    let _ = events.send(Event::Interrupted { seed: run.seed });
+                    Ok(())
+                });
+                return self.outcome(Stopped::BySignal);
+            }
+            self.each(|experiment, events, run| {
+                let results = evaluate_all(experiment, &network, &run.agent);
+                run.dir.evaluated(Phase::After, stage.index, &results)?;
+                run.dose.end_stage(&run.agent.parameters);
+                let dose = run.dose.to_json();
+                run.dir.finish_stage(&stage, &run.agent, dose)?;
+                let _ = events.send(Event::StageDone { seed: run.seed, stage: stage.index });
+                Ok(())
+            });
+        }
+        self.outcome(Stopped::AtItsEnd)
+    }
+
+    fn train_stage(&mut self, stage: &Stage) -> Stopped {
+        let Self { experiment, events, .. } = *self;
+        let config = &experiment.config;
+        let snapshot = |run: &mut Run| {
+            let beginning = || Snapshot::beginning(config, stage, run.agent.clone());
+            let snapshot = run.snapshot.take().unwrap_or_else(beginning);
+            // From here on the agent is that of the stage's beginning, which rows count from.
+            run.agent.counters.timesteps -= snapshot.position.timesteps;
+            snapshot
+        };
+        let snapshots = self.runs.iter_mut().map(snapshot).collect();
+        let mut learner = match agent::resume(config, stage, snapshots, experiment.backend) {
+            Ok(learner) => learner,
+            Err(error) => {
+                self.each(|_, _, _| Err(anyhow!("{error}")));
+                return Stopped::AtItsEnd;
+            }
+        };
+        let monitor = Monitor::new(experiment.plasticity_interval, config, stage);
+        let mut since = SinceSaved::new();
+        let mut saved_at = learner.timesteps();
+        while learner.timesteps() < stage.timesteps && self.runs.iter().any(|run| run.failure.is_none()) {
+            let stop = experiment.stop.is_requested();
+            if stop && saved_at < learner.timesteps() {
+                self.save(stage, &*learner);
+            }
+            if stop {
+                return Stopped::BySignal;
+            }
+            let measured = monitor.as_ref().and_then(|monitor| monitor.before(&*learner, self.runs.len()));
+            let rows = learner.advance();
+            for (s, (run, row)) in self.runs.iter_mut().zip(&rows).enumerate() {
+                run.attempt(events, |run| {
+                    run.log(stage, learner.timesteps(), row, events)?;
+                    let Some(measured) = &measured else { return Ok(()) };
+                    run.log_plasticity(
+                        stage,
+                        learner.timesteps(),
+                        &measured.after(&*learner, s, value(row, "train/grad_norm")),
+                    )
+                });
+            }
+            // At the end of a stage its checkpoint follows, but what can be extended goes on in the stage's midst.
+            let at_end = learner.timesteps() >= stage.timesteps;
+            let due = since.is_due(experiment.saving);
+            if if at_end { experiment.curriculum.extensible } else { due } {
+                self.save(stage, &*learner);
+                saved_at = learner.timesteps();
+            }
+        }
+        for (run, agent) in self.runs.iter_mut().zip(learner.states()) {
+            run.agent = agent;
+        }
+        Stopped::AtItsEnd
+    }
+
+    fn save(&mut self, stage: &Stage, learner: &dyn agent::Learner) {
+        for (s, run) in self.runs.iter_mut().enumerate() {
+            run.attempt(self.events, |run| run.dir.save(stage, learner.snapshot(s), run.dose.stage()));
+        }
+    }
+
+    /// Does something with each run that has not failed.
+    fn each(&mut self, what: impl Fn(&Experiment, &Sender<Event>, &mut Run) -> Result<()>) {
+        for run in &mut self.runs {
+            run.attempt(self.events, |run| what(self.experiment, self.events, run));
+        }
+    }
+
+    fn outcome(self, stopped: Stopped) -> Outcome {
+        let mut outcome = Outcome::default();
+        for run in self.runs {
+            match run.failure {
+                Some(why) => outcome.failed.push((run.seed, why)),
+                None if stopped == Stopped::BySignal => outcome.interrupted.push(run.seed),
+                None => outcome.finished.push(FinishedRun::new(run.seed, &run.dir)),
+            }
+        }
+        outcome
+    }
+}
+
+/// Every level, every start cell, the greedy policy.
+fn evaluate_all(experiment: &Experiment, network: &Network, agent: &AgentState) -> Vec<LevelResult> {
+    let max_steps = experiment.config.max_steps;
+    let of_level = |level| {
+        let choose = &mut Choose::Greedy;
+        evaluate::network(network, &agent.parameters, level, max_steps, Starts::Exhaustive, choose)
+    };
+    experiment.curriculum.levels.iter().map(of_level).collect()
+}
+
+/// Refuses a row in which the loss, the gradient or the weights are no numbers any more; `updates` were made before it.
+fn check_finite(row: &Metrics, updates: f64) -> Result<(), String> {
+    for name in ["train/loss", "train/grad_norm", "train/weight_norm"] {
+        let value = value(row, name);
+        // DQN has neither loss nor gradient where it makes no update, as at the beginning of a stage.
+        let absent = value.is_nan() && name != "train/weight_norm" && self::value(row, "train/n_updates") == updates;
+        if !value.is_finite() && !absent {
+            return Err(format!("{name} became {value}"));
+        }
+    }
+    Ok(())
+}
+
+fn value(row: &Metrics, name: &str) -> f64 {
+    row.iter().find(|(column, _)| *column == name).map_or(f64::NAN, |(_, value)| *value)
+}
