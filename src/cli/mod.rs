@@ -6,6 +6,7 @@ pub mod curriculum;
 pub mod eval;
 pub mod levels;
 mod output;
+mod signals;
 pub mod train;
 mod training;
 

@@ -8,7 +8,7 @@ use clap::Args;
 use serde_json::Value;
 use tch::Device;
 
-use super::Seeds;
+use super::{Seeds, signals};
 use crate::agent::Backend;
 use crate::config::{self, Config};
 use crate::curriculum::Curriculum;
@@ -16,7 +16,7 @@ use crate::dose::Dose;
 use crate::error::{Interrupted, UserError, tell};
 use crate::run::manifest::Manifest;
 use crate::training::progress::{Progress, Verbosity};
-use crate::training::saving::{Saving, Stop};
+use crate::training::saving::Saving;
 use crate::training::{Event, Experiment, Outcome};
 
 /// Arguments of every training.
@@ -93,7 +93,7 @@ impl TrainingArgs {
         Saving { updates: self.checkpoint_updates, interval: self.checkpoint_minutes.unwrap_or(unsaid) }
     }
 
-    /// The experiment that these arguments describe.
+    /// The experiment that these arguments describe; from here on signals ask it to stop.
     ///
     /// # Errors
     /// A device that is not there or does not suit the kernel.
@@ -120,7 +120,7 @@ impl TrainingArgs {
             resume: self.resume,
             plasticity_interval: self.plasticity_interval,
             saving: self.saving(),
-            stop: Stop::default(),
+            stop: signals::stop()?,
             command: std::env::args().collect(),
         })
     }
