@@ -1,86 +1,144 @@
-//! Killed and resumed, a run ends with the same bytes.
+//! Stopped and resumed, a run ends with the same bytes.
 
 use std::fs::{self, File};
-use std::process::{Child, Stdio};
+use std::process::Stdio;
+use std::sync::Arc;
 use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use crate::sandbox::{Reproducible, RunFiles, Sandbox};
+use coverage_env::Level;
+use coverage_env::random::{below, unit_f64};
+use cpp_rl::agent::random::{Purpose, Stream};
+use cpp_rl::agent::{self, Backend, Stage};
+use cpp_rl::config;
+use cpp_rl::run::checkpoint::Checkpoint;
 
-/// Three stages of two seeds.
-fn command(algo: &str, out: &str, timesteps: u32) -> String {
-    let levels = "--levels a.yaml,b.yaml,c.yaml --seeds 0..2";
-    format!("curriculum --config {algo}.yaml {levels} --timesteps {timesteps} --out {out}")
-}
+use crate::sandbox::{RunFiles, Sandbox};
+use crate::stops::{Signal, command, command_of, runs, stop_within, undisturbed};
 
-/// Timesteps of a stage that is long enough to be killed in its midst.
-const LONG: u32 = 30_000;
-
-/// The runs of both seeds.
-fn runs(sandbox: &Sandbox, algo: &str, out: &str) -> [RunFiles; 2] {
-    [0, 1].map(|seed| RunFiles(sandbox.path(out).join(algo).join("curriculum").join(format!("seed-{seed}"))))
-}
-
-fn undisturbed(sandbox: &Sandbox, algo: &str) -> [Reproducible; 2] {
-    sandbox.succeeds(&command(algo, "undisturbed", LONG));
-    runs(sandbox, algo, "undisturbed").map(|run| run.reproducible())
-}
-
-/// Starts training and kills it as soon as `when` holds; says whether it was still running.
-fn kill_when(sandbox: &Sandbox, command: &str, mut when: impl FnMut() -> bool) -> bool {
-    let mut child = sandbox.command(command).stderr(Stdio::null()).stdout(Stdio::null()).spawn().expect("it starts");
-    let deadline = Instant::now() + Duration::from_secs(60);
-    while is_running(&mut child) && !when() {
-        assert!(Instant::now() < deadline, "what is waited for comes within a minute");
-        sleep(Duration::from_millis(1));
+/// At random instants, with another number of threads each time, and with one seed or both.
+#[test]
+fn killed_at_random_instants_and_resumed_it_ends_the_same() {
+    let mut random = Stream::new(1, 0, Purpose::EvaluationStarts);
+    let mut kills = 0;
+    for algo in ["ppo", "ppo-l2", "dqn"] {
+        let sandbox = Sandbox::new();
+        let begun = Instant::now();
+        let expected = undisturbed(&sandbox, algo);
+        let seconds = begun.elapsed();
+        for _ in 0..8 {
+            let seeds = ["--seeds 0..2", "--seeds 1", "--seeds 0..2"][below(&mut random, 3) as usize];
+            let options = format!("--resume --jobs {} {seeds}", 1 + below(&mut random, 3));
+            let mut child = sandbox.command(&format!("{} {options}", command(algo, "killed")));
+            let mut child = child.stderr(Stdio::null()).stdout(Stdio::null()).spawn().expect("it starts");
+            sleep(seconds.mul_f64(0.4 * unit_f64(&mut random)));
+            kills += u32::from(child.try_wait().expect("a child can be asked").is_none());
+            // SIGKILL, which no process can put off.
+            child.kill().and_then(|()| child.wait()).expect("a child can be killed");
+        }
+        sandbox.succeeds(&format!("{} --seeds 0..2 --resume --jobs 2", command(algo, "killed")));
+        for (run, expected) in runs(&sandbox, algo, "killed").iter().zip(&expected) {
+            run.reproducible().assert_same(expected);
+            let left = run.files();
+            assert!(!left.iter().any(|file| file.contains("latest/") || file.ends_with(".partial")), "{left:?}");
+        }
     }
-    let running = is_running(&mut child);
-    // SIGKILL, which no process can put off.
-    child.kill().and_then(|()| child.wait()).expect("a child can be killed");
-    running
-}
-
-fn is_running(child: &mut Child) -> bool {
-    child.try_wait().expect("a child can be asked").is_none()
+    assert!(kills >= 12, "only {kills} kills hit a running training");
 }
 
 #[test]
-fn killed_at_several_instants_and_resumed_it_ends_the_same() {
-    for algo in ["ppo", "dqn"] {
+fn a_stopped_run_goes_on_in_the_midst_of_its_stage() {
+    // Seeds stacked as one tensor differ by rounding in other company, which is the same here.
+    for (kernel, timesteps) in [("fused", 30_000), ("autograd", 3000)] {
         let sandbox = Sandbox::new();
-        let expected = undisturbed(&sandbox, algo);
-        let run = || runs(&sandbox, algo, "killed");
-        let resume = format!("{} --resume --jobs 2", command(algo, "killed", LONG));
-        let exists = |name: &str| run().iter().any(|run| run.0.join(name).exists());
-        let length =
-            || run().iter().map(|run| fs::metadata(run.0.join("progress.csv")).map_or(0, |m| m.len())).sum::<u64>();
-
-        // Just begun; in the first stage; between the stages of one seed or the other; in later stages.
-        let mut kills = 0;
-        kills += u32::from(kill_when(&sandbox, &resume, || exists("manifest.json")));
-        kills += u32::from(kill_when(&sandbox, &resume, || length() > 600));
-        kills += u32::from(kill_when(&sandbox, &resume, || {
-            exists("checkpoints/stage-0.safetensors.partial") || exists("checkpoints/stage-0.safetensors")
-        }));
-        let before = length();
-        kills += u32::from(kill_when(&sandbox, &resume, || length() > before + 900));
-        kills += u32::from(kill_when(&sandbox, &resume, || exists("checkpoints/stage-1.safetensors")));
-        // A machine that stalls may miss the last ones.
-        assert!(kills >= 3, "{algo}: only {kills} kills hit a running training");
-
-        sandbox.succeeds(&resume);
-        for (run, expected) in run().iter().zip(&expected) {
-            run.reproducible().assert_same(expected);
-            assert!(!run.files().iter().any(|file| file.ends_with(".partial")), "{:?}", run.files());
+        let command =
+            |out| format!("{} --seeds 0..2 --jobs 1 --set kernel={kernel}", command_of("ppo", out, timesteps));
+        sandbox.succeeds(&command("undisturbed"));
+        stop_within(&sandbox, &command("stopped"), &runs(&sandbox, "ppo", "stopped")[0], Signal::Terminate);
+        let printed = sandbox.succeeds(&format!("{} --resume", command("stopped")));
+        assert!(printed.stderr.contains("seed 0 goes on after"), "{}", printed.stderr);
+        for (run, expected) in runs(&sandbox, "ppo", "stopped").iter().zip(&runs(&sandbox, "ppo", "undisturbed")) {
+            run.reproducible().assert_same(&expected.reproducible());
         }
+        let starts = runs(&sandbox, "ppo", "stopped")[0].manifest()["starts"].clone();
+        let timesteps: Vec<u64> =
+            starts.as_array().expect("a list").iter().filter_map(|s| s["timesteps"].as_u64()).collect();
+        assert_eq!((timesteps.len(), timesteps[0]), (2, 0));
+        assert!(timesteps[1] > 0 && starts[1]["instruction_set"].is_string(), "{starts}");
     }
+}
+
+/// What an L2 penalty measures over a stage survives as well.
+#[test]
+fn the_dose_of_a_stopped_run_is_that_of_the_whole_stage() {
+    let sandbox = Sandbox::new();
+    let [command, whole] =
+        ["stopped", "whole"].map(|out| format!("{} --seeds 0 --set l2=adam --set l2_coef=1e-3", command("ppo", out)));
+    sandbox.succeeds(&whole);
+    let run = |out| runs(&sandbox, "ppo", out).into_iter().next().expect("two");
+    stop_within(&sandbox, &command, &run("stopped"), Signal::Terminate);
+    sandbox.succeeds(&format!("{command} --resume"));
+    assert_eq!(run("stopped").manifest()["dose"], run("whole").manifest()["dose"]);
+    run("stopped").reproducible().assert_same(&run("whole").reproducible());
+}
+
+#[test]
+fn an_extended_training_goes_on_from_its_end() {
+    let sandbox = Sandbox::new();
+    let train = |out: &str, timesteps: u32, options: &str| {
+        let command = format!("train --config ppo.yaml --level c.yaml --timesteps {timesteps} --out {out} {options}");
+        sandbox.succeeds(&command);
+        RunFiles(sandbox.path(out).join("ppo/level-c/seed-0"))
+    };
+    train("extended", 256, "");
+    train("extended", 320, "--resume");
+    let extended = train("extended", 640, "--resume");
+    // PPO has no schedule, so that no difference is left.
+    extended.reproducible().assert_same(&train("whole", 640, "").reproducible());
+    let manifest = extended.manifest();
+    assert_eq!((&manifest["stages"][0]["horizon"], &manifest["stages"][0]["timesteps"]), (&256.into(), &640.into()));
+    assert_eq!(manifest["config"]["timesteps"], 640);
+
+    let shorter = "train --config ppo.yaml --level c.yaml --timesteps 256 --out extended --resume";
+    assert!(sandbox.fails(2, shorter).contains("timesteps: 640 → 256"));
+    let latest = extended.0.join("checkpoints/latest");
+    fs::remove_dir_all(&latest).expect("writable");
+    let error = sandbox.fails(1, &shorter.replace("256", "1024"));
+    assert!(error.contains("cannot be extended") && error.contains("--out"), "{error}");
+}
+
+#[test]
+fn an_extended_training_keeps_the_horizon_of_its_schedules() {
+    let sandbox = Sandbox::new();
+    let train = "train --config dqn.yaml --level c.yaml --set exploration_fraction=1 --set exploration_final_eps=0";
+    sandbox.succeeds(&format!("{train} --timesteps 3000"));
+    sandbox.succeeds(&format!("{train} --timesteps 6000 --resume"));
+    let run = sandbox.run("train/dqn/level-c/seed-0");
+
+    let config = config::resolve(None, Some(&run.0.join("config.yaml")), &[], None).expect("a run's settings");
+    let level = Level::resolve(&sandbox.path("c.yaml").display().to_string()).expect("a level");
+    let stage = Stage { index: 0, level: Arc::new(level), timesteps: 6000, horizon: 3000 };
+    let mut learner = agent::learner(&config, &stage, vec![agent::fresh(&config, &stage.level, 0)], Backend::Fused);
+    while learner.timesteps() < stage.timesteps {
+        learner.advance();
+    }
+    let checkpoint = Checkpoint::read(&run.0.join("checkpoints/stage-0.safetensors")).expect("a checkpoint");
+    assert!(checkpoint.agent == learner.states()[0], "the agents differ");
+    let rates: Vec<String> = run
+        .progress()
+        .into_iter()
+        .flatten()
+        .filter(|(name, _)| name.contains("exploration"))
+        .map(|(_, value)| value)
+        .collect();
+    assert_eq!(rates[1..], ["0", "0", "0"], "after 3000, 4096 and 6000 timesteps");
 }
 
 #[test]
 fn seeds_at_different_stages_go_on_together() {
     let sandbox = Sandbox::new();
     for kernel in ["fused", "autograd"] {
-        let command = format!("{} --set kernel={kernel} --jobs 1", command("ppo", kernel, 256));
+        let command = format!("{} --seeds 0..2 --set kernel={kernel} --jobs 1", command_of("ppo", kernel, 256));
         sandbox.succeeds(&command);
         let runs = runs(&sandbox, "ppo", kernel);
         let expected = [runs[0].reproducible(), runs[1].reproducible()];
@@ -93,6 +151,17 @@ fn seeds_at_different_stages_go_on_together() {
         }
         assert!(runs.iter().all(|run| run.manifest()["stages_done"] == 3));
     }
+}
+
+#[test]
+fn many_seeds_need_few_open_files() {
+    let sandbox = Sandbox::new();
+    let script = format!("ulimit -n 32; exec {} \"$@\"", env!("CARGO_BIN_EXE_cpp-rl"));
+    let words = "train --config ppo.yaml --level a.yaml --timesteps 64 --seeds 0..40 --jobs 2";
+    let mut command = std::process::Command::new("sh");
+    command.args(["-c", &script, "sh"]).args(words.split(' ')).current_dir(sandbox.path("."));
+    let output = command.output().expect("there is a shell");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
 const SHORT: &str = "curriculum --config ppo.yaml --levels a.yaml,b.yaml";

@@ -1,0 +1,255 @@
+//! What can befall a run: signals, damaged files, a full disk, a clock that errs. docs/reliability.md lists these tests.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+use std::time::{Duration, SystemTime};
+
+use serde_json::json;
+
+use crate::sandbox::{RunFiles, Sandbox};
+use crate::stops::{Signal, command, runs, snapshots, spawn, stop_within, undisturbed, wait_until};
+
+/// A run that was stopped in its second stage, the command that goes on with it, and what it must end with.
+fn stopped(sandbox: &Sandbox, algo: &str) -> (RunFiles, String) {
+    let command = format!("{} --seeds 0", command(algo, "stopped"));
+    let [run, _] = runs(sandbox, algo, "stopped");
+    stop_within(sandbox, &command, &run, Signal::Terminate);
+    (run, format!("{command} --resume"))
+}
+
+#[test]
+fn a_signal_saves_and_says_how_to_go_on() {
+    let sandbox = Sandbox::new();
+    let expected = undisturbed(&sandbox, "ppo");
+    for (signal, out) in [(Signal::Interrupt, "int"), (Signal::Terminate, "term"), (Signal::User1, "usr1")] {
+        let runs = runs(&sandbox, "ppo", out);
+        let command = format!("{} --seeds 0..2 --jobs 1", command("ppo", out));
+        let output = stop_within(&sandbox, &command, &runs[0], signal);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(stderr.contains("1 seeds are saved in") && stderr.contains("1 have not begun"), "{stderr}");
+        assert_eq!(runs[0].manifest()["status"], json!({ "state": "interrupted" }));
+        assert!(!runs[1].0.exists(), "a seed that waits is not begun");
+
+        let (_, line) = stderr.split_once("go on with\n").expect("the command line");
+        let again = Command::new("sh").args(["-c", line.trim()]).current_dir(sandbox.path(".")).output();
+        assert!(again.expect("there is a shell").status.success(), "{line}");
+        runs.iter().zip(&expected).for_each(|(run, expected)| run.reproducible().assert_same(expected));
+    }
+}
+
+#[test]
+fn a_second_signal_ends_at_once() {
+    let sandbox = Sandbox::new();
+    let [expected, _] = undisturbed(&sandbox, "dqn");
+    let [run, _] = runs(&sandbox, "dqn", "stopped");
+    let command = format!("{} --seeds 0", command("dqn", "stopped"));
+    let mut child = spawn(&sandbox, &command);
+    wait_until(&mut child, || snapshots(&run).len() == 2);
+    for _ in 0..2 {
+        let _ = Command::new("kill").args(["-TERM", &child.id().to_string()]).output();
+    }
+    assert_eq!(child.wait().expect("it ends").code(), Some(130));
+    sandbox.succeeds(&format!("{command} --resume"));
+    run.reproducible().assert_same(&expected);
+}
+
+/// Flips a bit in the midst of a file.
+fn flip(path: &Path) {
+    let mut bytes = fs::read(path).expect("a file");
+    let at = bytes.len() / 2;
+    bytes[at] ^= 4;
+    fs::write(path, bytes).expect("writable");
+}
+
+/// Cuts a file to half its length.
+fn cut(path: &Path) {
+    let bytes = fs::read(path).expect("a file");
+    fs::write(path, &bytes[..bytes.len() / 2]).expect("writable");
+}
+
+fn empty(path: &Path) {
+    fs::write(path, "").expect("writable");
+}
+
+fn remove(path: &Path) {
+    fs::remove_file(path).expect("writable");
+}
+
+#[test]
+fn a_damaged_snapshot_is_passed_over_for_the_one_before() {
+    let sandbox = Sandbox::new();
+    let [expected, _] = undisturbed(&sandbox, "dqn");
+    let (run, resume) = stopped(&sandbox, "dqn");
+    let latest = run.0.join("checkpoints/latest");
+    let [before, last] = <[String; 2]>::try_from(snapshots(&run)).expect("two are kept");
+    flip(&latest.join(&last));
+    let printed = sandbox.succeeds(&resume);
+    assert!(printed.stderr.contains(&format!("latest/{last}: its checksum does not fit")), "{}", printed.stderr);
+    let from = before.trim_end_matches(".safetensors");
+    assert!(printed.stderr.contains(&format!("goes on after {from} timesteps")), "{}", printed.stderr);
+    run.reproducible().assert_same(&expected);
+
+    // With both damaged, the stage begins again.
+    fs::remove_dir_all(sandbox.path("stopped")).expect("writable");
+    let (run, resume) = stopped(&sandbox, "dqn");
+    snapshots(&run).iter().for_each(|name| cut(&run.0.join("checkpoints/latest").join(name)));
+    let printed = sandbox.succeeds(&resume);
+    assert!(printed.stderr.contains("goes on after 30000 timesteps"), "{}", printed.stderr);
+    run.reproducible().assert_same(&expected);
+}
+
+/// Whatever file is damaged, however: the run ends as it should, or the file is named and nothing is lost.
+#[test]
+fn damage_to_any_file_is_mended_or_named() {
+    let sandbox = Sandbox::new();
+    let [expected, _] = undisturbed(&sandbox, "dqn");
+    let (run, resume) = stopped(&sandbox, "dqn");
+    let copy = sandbox.path("copy");
+    duplicate(&run.0, &copy);
+    let files = run.files();
+    assert!(files.len() == 7, "{files:?}");
+    let mut named = 0;
+    for name in &files {
+        for (how, damage) in [("flip", flip as fn(&Path)), ("cut", cut), ("empty", empty), ("remove", remove)] {
+            fs::remove_dir_all(&run.0).expect("writable");
+            duplicate(&copy, &run.0);
+            damage(&run.0.join(name));
+            let output = sandbox.command(&resume).output().expect("it starts");
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            assert!(!stderr.contains("panicked"), "{how} {name}: {stderr}");
+            if output.status.success() {
+                if name == "checkpoints/stage-0.safetensors" {
+                    // A finished stage's file is not needed to go on; it is told of, and stays as it is.
+                    assert!(stderr.contains("stage-0.safetensors"), "{how}: {stderr}");
+                    fs::copy(copy.join(name), run.0.join(name)).expect("writable");
+                }
+                run.reproducible().assert_same(&expected);
+            } else {
+                named += 1;
+                let stem = name.rsplit('/').next().expect("a name");
+                assert!(matches!(output.status.code(), Some(1 | 2)) && stderr.contains(stem), "{how} {name}: {stderr}");
+                assert!(run.0.join("checkpoints/latest").read_dir().expect("a folder").count() >= 1, "nothing is lost");
+            }
+        }
+    }
+    // The manifest cannot be replaced, nor what the logs and evaluations of earlier stages said.
+    assert!(named >= 4, "{named}");
+}
+
+fn duplicate(from: &Path, to: &Path) {
+    fs::create_dir_all(to).expect("writable");
+    for entry in fs::read_dir(from).expect("a folder") {
+        let entry = entry.expect("an entry");
+        let to = to.join(entry.file_name());
+        if entry.path().is_dir() {
+            duplicate(&entry.path(), &to);
+        } else {
+            fs::copy(entry.path(), to).expect("writable");
+        }
+    }
+}
+
+/// Files may grow to a limit and no further, as on a full disk; the log hits it in mid-stage.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_ends_in_an_error_and_the_run_goes_on_later() {
+    let sandbox = Sandbox::new();
+    let [expected, _] = undisturbed(&sandbox, "ppo");
+    let [run, _] = runs(&sandbox, "ppo", "full");
+    let command = format!("{} --seeds 0", command("ppo", "full"));
+    // 64 blocks of 512 bytes.
+    let script = format!("ulimit -f 64; exec {} \"$@\"", env!("CARGO_BIN_EXE_cpp-rl"));
+    let mut limited = Command::new("sh");
+    limited.args(["-c", &script, "sh"]).args(command.split(' ')).current_dir(sandbox.path("."));
+    let output = limited.output().expect("there is a shell");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert!(stderr.contains("seed 0: cannot write") && stderr.contains("progress.csv"), "{stderr}");
+    assert_eq!(run.manifest()["status"]["state"], "failed");
+    sandbox.succeeds(&format!("{command} --resume"));
+    run.reproducible().assert_same(&expected);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_folder_without_permission_is_named() {
+    use std::os::unix::fs::PermissionsExt;
+    let sandbox = Sandbox::new();
+    let (run, resume) = stopped(&sandbox, "ppo");
+    let latest = run.0.join("checkpoints/latest");
+    let allow = |mode| fs::set_permissions(&latest, fs::Permissions::from_mode(mode)).expect("ours");
+    allow(0o500);
+    if fs::write(latest.join("probe"), "").is_ok() {
+        eprintln!("skipped: this user may write anywhere");
+        return;
+    }
+    let error = sandbox.fails(1, &resume);
+    assert!(error.contains("checkpoints/latest") && error.contains("ermission denied"), "{error}");
+    allow(0o700);
+    sandbox.succeeds(&resume);
+}
+
+#[test]
+fn a_clock_that_goes_backwards_changes_nothing() {
+    let sandbox = Sandbox::new();
+    let [expected, _] = undisturbed(&sandbox, "ppo");
+    let (run, resume) = stopped(&sandbox, "ppo");
+    // As if the clock had been centuries ahead.
+    run.rewrite_manifest(|manifest| {
+        for key in ["started", "updated"] {
+            manifest[key] = "2999-01-01T00:00:00Z".into();
+        }
+        manifest["starts"][0]["time"] = "2999-01-01T00:00:00Z".into();
+    });
+    let later = SystemTime::now() + Duration::from_secs(30_000_000_000);
+    for name in run.files() {
+        let file = fs::File::options().append(true).open(run.0.join(name)).expect("a file");
+        file.set_modified(later).expect("ours");
+    }
+    sandbox.succeeds(&resume);
+    run.reproducible().assert_same(&expected);
+}
+
+#[test]
+fn an_older_manifest_is_read_and_a_newer_one_refused() {
+    let sandbox = Sandbox::new();
+    let train = "train --config ppo.yaml --level a.yaml";
+    sandbox.succeeds(train);
+    let run = sandbox.run("train/ppo/level-a/seed-0");
+    run.rewrite_manifest(|manifest| {
+        for key in ["starts", "marks"] {
+            manifest.as_object_mut().expect("an object").remove(key);
+        }
+    });
+    sandbox.succeeds(&format!("{train} --resume"));
+    sandbox.succeeds("eval runs/train/ppo/level-a/seed-0");
+    run.rewrite_manifest(|manifest| manifest["format"] = 2.into());
+    assert!(sandbox.fails(2, &format!("{train} --resume")).contains("manifest format 2"));
+}
+
+#[test]
+fn checkpoints_without_a_manifest_are_not_overwritten() {
+    let sandbox = Sandbox::new();
+    let (run, resume) = stopped(&sandbox, "ppo");
+    let before = run.bytes("checkpoints/stage-0.safetensors");
+    remove(&run.0.join("manifest.json"));
+    assert!(sandbox.fails(1, &resume).contains("holds checkpoints but no manifest.json"));
+    assert!(run.bytes("checkpoints/stage-0.safetensors") == before);
+}
+
+/// The longer form is for the shell: `scripts/torture`.
+#[test]
+fn the_torture_script_finds_no_difference() {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/torture");
+    let mut torture = Command::new("python3");
+    torture.arg(script).args(["--cycles", "15", "--num-seeds", "2", "--timesteps", "4096", "--levels", "0..2"]);
+    match torture.args(["--bin", env!("CARGO_BIN_EXE_cpp-rl")]).output() {
+        Err(error) => eprintln!("skipped: there is no python3 ({error})"),
+        Ok(output) => {
+            let stdout = String::from_utf8_lossy(&output.stdout);
+            assert!(output.status.success(), "{stdout}{}", String::from_utf8_lossy(&output.stderr));
+            assert!(stdout.contains(" 0 problems"), "{stdout}");
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! Trainings that are stopped before their end.
+
+use std::fs;
+use std::process::{Child, Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use crate::sandbox::{Reproducible, RunFiles, Sandbox};
+
+/// Timesteps of a stage that is long enough to be stopped in its midst.
+const LONG: u32 = 30_000;
+
+/// Three stages, saved often; seeds are for the caller to choose.
+pub fn command(algo: &str, out: &str) -> String {
+    command_of(algo, out, LONG)
+}
+
+/// As [`command`], with stages of this many timesteps.
+pub fn command_of(algo: &str, out: &str, timesteps: u32) -> String {
+    // Every 512 timesteps of PPO, whose rollouts have 64 here, and every 2,048 of DQN.
+    let updates = if algo == "dqn" { 1 } else { 8 };
+    let options = format!("--levels a.yaml,b.yaml,c.yaml --checkpoint-updates {updates}");
+    format!("curriculum --config {algo}.yaml {options} --timesteps {timesteps} --out {out}")
+}
+
+/// The runs of seeds 0 and 1.
+pub fn runs(sandbox: &Sandbox, algo: &str, out: &str) -> [RunFiles; 2] {
+    [0, 1].map(|seed| RunFiles(sandbox.path(out).join(algo).join("curriculum").join(format!("seed-{seed}"))))
+}
+
+/// What seeds 0 and 1 end with where nothing stops them.
+pub fn undisturbed(sandbox: &Sandbox, algo: &str) -> [Reproducible; 2] {
+    sandbox.succeeds(&format!("{} --seeds 0..2", command(algo, "undisturbed")));
+    runs(sandbox, algo, "undisturbed").map(|run| run.reproducible())
+}
+
+/// A signal.
+#[derive(Clone, Copy, Debug)]
+pub enum Signal {
+    Interrupt,
+    Terminate,
+    User1,
+}
+
+impl Signal {
+    /// Sends it.
+    pub fn send(self, child: &Child) {
+        let name = match self {
+            Self::Interrupt => "-INT",
+            Self::Terminate => "-TERM",
+            Self::User1 => "-USR1",
+        };
+        let sent = Command::new("kill").args([name, &child.id().to_string()]).status();
+        assert!(sent.expect("there is kill").success(), "the process was there");
+    }
+}
+
+/// Starts training and sends a signal once `run` is well within its second stage; returns what the training printed.
+#[track_caller]
+pub fn stop_within(sandbox: &Sandbox, command: &str, run: &RunFiles, signal: Signal) -> Output {
+    let mut child = spawn(sandbox, command);
+    wait_until(&mut child, || {
+        // PPO ends a stage with its rollout, of less than 100 timesteps here.
+        let within = |name: &String| {
+            timesteps(name) > 100 + run.manifest()["stages"][0]["timesteps"].as_u64().expect("a number")
+        };
+        snapshots(run).len() == 2 && snapshots(run).iter().all(within)
+    });
+    signal.send(&child);
+    let output = child.wait_with_output().expect("it ends");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(130), "{stderr}");
+    assert!(!snapshots(run).is_empty(), "{:?}", run.files());
+    output
+}
+
+/// Starts a command.
+pub fn spawn(sandbox: &Sandbox, command: &str) -> Child {
+    sandbox.command(command).stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().expect("it starts")
+}
+
+/// Waits until something holds, which it does before the process ends.
+#[track_caller]
+pub fn wait_until(child: &mut Child, mut holds: impl FnMut() -> bool) {
+    let deadline = Instant::now() + Duration::from_secs(120);
+    while !holds() {
+        assert!(child.try_wait().expect("a child can be asked").is_none(), "it ended too early");
+        assert!(Instant::now() < deadline, "what is waited for comes within two minutes");
+        sleep(Duration::from_millis(1));
+    }
+}
+
+/// The snapshots of a run, the latest last.
+pub fn snapshots(run: &RunFiles) -> Vec<String> {
+    let Ok(entries) = fs::read_dir(run.0.join("checkpoints/latest")) else { return Vec::new() };
+    let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+    let mut names: Vec<String> = names.filter(|name| name.ends_with(".safetensors")).collect();
+    names.sort_by_key(|name| timesteps(name));
+    names
+}
+
+/// The cumulative timesteps that a snapshot's name tells.
+fn timesteps(name: impl AsRef<str>) -> u64 {
+    let name = name.as_ref();
+    name.trim_end_matches(".safetensors").parse().expect("a number")
+}
