@@ -83,7 +83,12 @@ impl Fake {
     fn write(&self, root: &Path) -> PathBuf {
         let path = self.path(root);
         fs::create_dir_all(&path).expect("a folder");
-        let stage = |level: &&str| StageEntry { level: (*level).to_owned(), map: map(level), timesteps: TIMESTEPS };
+        let stage = |level: &&str| StageEntry {
+            level: (*level).to_owned(),
+            map: map(level),
+            timesteps: TIMESTEPS,
+            horizon: None,
+        };
         let config = json!({ "name": self.arm, "max_steps": max_steps(self.levels[0]), "timesteps": TIMESTEPS });
         let finished = usize::from(self.stages_done) == self.levels.len();
         let mut manifest = Manifest {
@@ -94,6 +99,7 @@ impl Fake {
             seed: self.seed,
             stages: self.levels.iter().map(stage).collect(),
             stages_done: self.stages_done,
+            marks: Vec::new(),
             levels: self.levels.iter().map(|level| (*level).to_owned()).collect(),
             config: config.as_object().expect("an object").clone(),
             dose: Value::Null,
@@ -102,6 +108,8 @@ impl Fake {
             versions: Versions { cpp_rl: String::new(), git: String::new(), libtorch: String::new() },
             host: Host { name: String::new(), platform: String::new(), cores: 1 },
             command: Vec::new(),
+            plasticity_interval: 0,
+            starts: Vec::new(),
             started: String::new(),
             updated: String::new(),
             seconds: 0.0,

@@ -172,6 +172,7 @@ impl Run {
         match &self.manifest.status {
             Status::Finished => None,
             Status::Running => Some("unfinished"),
+            Status::Interrupted => Some("interrupted"),
             Status::Failed(why) => Some(why),
         }
     }
