@@ -47,7 +47,7 @@ pub use standing::Standing;
 
 /// What writes the files.
 const SOURCE: &str = concat!("cpp-rl ", env!("CARGO_PKG_VERSION"));
-/// Snapshots kept of the running stage.
+/// Snapshots kept of the running stage; a run that may be extended has one at its end.
 const KEPT_SNAPSHOTS: usize = 2;
 
 /// What a run is to be, as a start asks for it.
@@ -163,6 +163,10 @@ impl RunDir {
             since,
             _lock: lock,
         };
+        if let Standing::Finished = standing {
+            // A kill may have come between the end of the last stage and this.
+            dir.retain(1, u64::MAX)?;
+        }
         Ok(Opened { dir, standing, notices })
     }
 
@@ -257,7 +261,7 @@ impl RunDir {
         let path = snapshot::path(&self.path, timesteps);
         saved.write(&path, &self.network).with_context(|| format!("cannot write {}", path.display()))?;
         self.newest = Some(path);
-        self.retain(before)
+        self.retain(KEPT_SNAPSHOTS, before)
     }
 
     /// Ends a stage: its checkpoint, then the manifest that counts it.
@@ -290,7 +294,7 @@ impl RunDir {
             self.manifest.status = Status::Finished;
         }
         self.write_manifest()?;
-        self.retain(agent.counters.timesteps)
+        self.retain(1, agent.counters.timesteps)
     }
 
     /// Records that a signal stopped the run, whose state has been saved.
@@ -331,12 +335,12 @@ impl RunDir {
         marks
     }
 
-    /// Removes the snapshots that are no longer needed, `ended` timesteps having passed when the last stage ended.
-    fn retain(&self, ended: u64) -> Result<()> {
+    /// Removes the snapshots of stages that ended, the last of them after `ended` timesteps, and all but the `keep` last.
+    fn retain(&self, keep: usize, ended: u64) -> Result<()> {
         // A run that may be extended goes on in its only stage, ended or not.
         let ended = if self.extensible { 0 } else { ended };
         let remove = || {
-            let superseded = retention::superseded(&snapshot::list(&self.path)?, KEPT_SNAPSHOTS, ended);
+            let superseded = retention::superseded(&snapshot::list(&self.path)?, keep, ended);
             superseded.into_iter().try_for_each(|timesteps| fs::remove_file(snapshot::path(&self.path, timesteps)))
         };
         remove().with_context(|| format!("cannot tidy up {}", snapshot::folder(&self.path).display()))

@@ -14,7 +14,7 @@ use cpp_rl::config;
 use cpp_rl::run::checkpoint::Checkpoint;
 
 use crate::sandbox::{RunFiles, Sandbox};
-use crate::stops::{Signal, command, command_of, runs, stop_within, undisturbed};
+use crate::stops::{Signal, command, command_of, runs, snapshots, stop_within, undisturbed};
 
 /// At random instants, with another number of threads each time, and with one seed or both.
 #[test]
@@ -93,6 +93,7 @@ fn an_extended_training_goes_on_from_its_end() {
     train("extended", 256, "");
     train("extended", 320, "--resume");
     let extended = train("extended", 640, "--resume");
+    assert_eq!(snapshots(&extended), ["640.safetensors"]);
     // PPO has no schedule, so that no difference is left.
     extended.reproducible().assert_same(&train("whole", 640, "").reproducible());
     let manifest = extended.manifest();
