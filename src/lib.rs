@@ -1,7 +1,7 @@
 //! Loss of plasticity in reinforcement learning on coverage path planning.
 //!
-//! Dependencies point downwards only: `cli` → `training`, `curriculum`, `evaluate`, `report` → `plasticity` →
-//! `agent`, `run` → `coverage-env`, `bit-mlp`, `rl-stats`.
+//! Dependencies point downwards only: `cli` → `study`, `training`, `report` → `run` → `plasticity`, `curriculum`,
+//! `evaluate` → `agent` → `config` → the crates that know nothing of this one.
 
 pub mod agent;
 pub mod cli;

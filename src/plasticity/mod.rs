@@ -16,10 +16,19 @@ use tch::Tensor;
 
 use crate::agent::greedy;
 use crate::agent::network::{Network, Tower};
-use crate::agent::stacked::{TowerViews, dense};
+use crate::agent::stacked::{TowerViews, dense, to_vec};
 
 /// Columns of `plasticity.csv` and their values; docs/metrics.md defines them.
 pub type Measures = Vec<(String, f64)>;
+
+/// What one measurement tells of an agent.
+#[derive(Debug, Default)]
+pub struct Measurement {
+    /// Its numbers.
+    pub measures: Measures,
+    /// `weights/<tower>.<layer>` and, of hidden layers, `activations/<tower>.<layer>` on the reference batch.
+    pub distributions: Vec<(String, Vec<f32>)>,
+}
 
 /// Measures networks of one architecture on fixed states.
 #[derive(Debug)]
@@ -37,35 +46,37 @@ impl Probe {
         Self { inputs: dense(network.num_inputs(), &[states.all()]), network, states }
     }
 
-    /// The measures of an agent whose update took its parameters from `before` to `after`, `[P]` each.
+    /// Measures an agent whose update took its parameters from `before` to `after`, `[P]` each.
     ///
     /// `grad_norm` is the update's own, which the parameters do not tell.
-    pub fn measure(&self, before: &[f32], after: &[f32], grad_norm: f64) -> Measures {
-        let mut measures = vec![
+    pub fn measure(&self, before: &[f32], after: &[f32], grad_norm: f64) -> Measurement {
+        let measures = vec![
             ("plasticity/grad_norm".to_owned(), grad_norm),
             ("plasticity/update_norm".to_owned(), distance(before, after)),
             ("plasticity/policy_churn".to_owned(), self.policy_churn(before, after)),
         ];
+        let mut measurement = Measurement { measures, ..Measurement::default() };
         let theta = Tensor::from_slice(after).unsqueeze(0);
         for (tower, views) in self.network.towers().iter().zip(TowerViews::all(&self.network, &theta)) {
-            measures.extend(self.of_tower(tower, &views, after));
+            self.of_tower(tower, &views, after, &mut measurement);
         }
-        measures
+        measurement
     }
 
-    /// The measures of every layer; of the last, which has no units to wear out, only its weights'.
-    fn of_tower(&self, tower: &Tower, views: &TowerViews, parameters: &[f32]) -> Measures {
-        let mut measures = Measures::new();
+    /// Measures every layer; of the last, which has no units to wear out, only its weights.
+    fn of_tower(&self, tower: &Tower, views: &TowerViews, parameters: &[f32], into: &mut Measurement) {
         let last = tower.mlp.num_layers() - 1;
         for (i, (layer, activations)) in tower.mlp.layers().zip(views.activations(&self.inputs)).enumerate() {
             let column = |measure: &str| format!("plasticity/{}.{i}/{measure}", tower.name);
-            measures.push((column("weight_magnitude"), mean_magnitude(&parameters[layer.weight])));
+            let weights = &parameters[layer.weight];
+            into.measures.push((column("weight_magnitude"), mean_magnitude(weights)));
+            into.distributions.push((format!("weights/{}.{i}", tower.name), weights.to_vec()));
             if i < last {
                 let of_layer = measures::of_layer(&activations.squeeze_dim(0), self.network.activation());
-                measures.extend(of_layer.into_iter().map(|(measure, value)| (column(measure), value)));
+                into.measures.extend(of_layer.into_iter().map(|(measure, value)| (column(measure), value)));
+                into.distributions.push((format!("activations/{}.{i}", tower.name), to_vec(&activations)));
             }
         }
-        measures
     }
 
     /// Share of the states whose greedy action is another with `after` than with `before` (Schaul et al. 2022).

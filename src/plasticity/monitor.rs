@@ -3,7 +3,7 @@
 use crate::agent::{self, Learner, Stage};
 use crate::config::Config;
 
-use super::{Measures, Probe, reference_batch};
+use super::{Measurement, Probe, reference_batch};
 
 /// Measures the agents of one stage now and then.
 ///
@@ -50,8 +50,8 @@ impl Monitor {
 }
 
 impl Pending<'_> {
-    /// The measures of a seed after the update, whose `train/grad_norm` was `grad_norm`.
-    pub fn after(&self, learner: &dyn Learner, seed: usize, grad_norm: f64) -> Measures {
+    /// Measures a seed after the update, whose `train/grad_norm` was `grad_norm`.
+    pub fn after(&self, learner: &dyn Learner, seed: usize, grad_norm: f64) -> Measurement {
         self.probe.measure(&self.before[seed], learner.parameters(seed), grad_norm)
     }
 }

@@ -15,8 +15,10 @@ use super::atomic::sync_directory;
 pub(super) const PROGRESS: &str = "progress.csv";
 /// The log of plasticity.
 pub(super) const PLASTICITY: &str = "plasticity.csv";
+/// TensorBoard's log. Its name is the same for every start, so that a resumed run goes on in the same file.
+pub(super) const TENSORBOARD: &str = "tb/events.out.tfevents.0.cpp-rl";
 /// Every log of a run; one more needs no more than its name here.
-const NAMES: [&str; 2] = [PROGRESS, PLASTICITY];
+const NAMES: [&str; 3] = [PROGRESS, PLASTICITY, TENSORBOARD];
 
 /// How far files had grown when a state was saved, by their names within the run.
 pub type Marks = BTreeMap<String, Mark>;

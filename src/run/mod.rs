@@ -16,6 +16,7 @@ pub mod retention;
 mod settings;
 mod snapshot;
 mod standing;
+mod tensorboard;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -31,11 +32,12 @@ use crate::agent::{self, Metrics, Stage};
 use crate::config::Config;
 use crate::dose::StageDose;
 use crate::error::UserError;
+use crate::plasticity::Measurement;
 use crate::results::LevelResult;
 use checkpoint::{Checkpoint, Origin};
 use evaluations::{Phase, Row};
 use lock::Lock;
-use logs::{Logs, Mark, Marks, PLASTICITY, PROGRESS};
+use logs::{Logs, Mark, Marks, PLASTICITY, PROGRESS, TENSORBOARD};
 use manifest::{Manifest, Start, Status};
 use progress::When;
 use snapshot::SavedSnapshot;
@@ -216,10 +218,13 @@ impl RunDir {
     pub fn log(&mut self, stage: &Stage, timesteps: u64, cumulative: u64, metrics: &Metrics) -> Result<()> {
         let when = When { timesteps, cumulative, seconds: self.seconds() };
         let row = progress::row(self.logs.is_empty(PROGRESS), stage, when, metrics)?;
-        self.logs.append(PROGRESS, &row)
+        self.logs.append(PROGRESS, &row)?;
+        let stage = ("stage", f64::from(stage.index));
+        let metrics = [stage].into_iter().chain(metrics.iter().copied());
+        self.tensorboard(&tensorboard::progress(cumulative, when.fps(), metrics))
     }
 
-    /// Appends a row to `plasticity.csv`: `timesteps` of the stage, `cumulative` ones of all stages, and `measures`.
+    /// Appends a row to `plasticity.csv`: `timesteps` of the stage, `cumulative` ones of all stages, and the measures.
     ///
     /// # Errors
     /// Those of the file system.
@@ -228,25 +233,35 @@ impl RunDir {
         stage: &Stage,
         timesteps: u64,
         cumulative: u64,
-        measures: &[(String, f64)],
+        measurement: &Measurement,
     ) -> Result<()> {
         let when = When { timesteps, cumulative, seconds: self.seconds() };
-        let row = progress::plasticity_row(self.logs.is_empty(PLASTICITY), stage, when, measures)?;
-        self.logs.append(PLASTICITY, &row)
+        let row = progress::plasticity_row(self.logs.is_empty(PLASTICITY), stage, when, &measurement.measures)?;
+        self.logs.append(PLASTICITY, &row)?;
+        self.tensorboard(&tensorboard::plasticity(cumulative, measurement))
     }
 
-    /// Writes results of all levels, `stage` stages being done (`Before`) or the stage just trained (`After`).
+    /// Appends records to TensorBoard's log.
+    fn tensorboard(&mut self, records: &[u8]) -> Result<()> {
+        if self.logs.is_empty(TENSORBOARD) {
+            self.logs.append(TENSORBOARD, &tensorboard::beginning(&self.manifest))?;
+        }
+        self.logs.append(TENSORBOARD, records)
+    }
+
+    /// Writes results of all levels, `stage` stages being done (`Before`) or the stage just trained (`After`), after
+    /// these timesteps of all stages.
     ///
     /// # Errors
     /// Those of the file system.
-    pub fn evaluated(&mut self, phase: Phase, stage: u16, results: &[LevelResult]) -> Result<()> {
+    pub fn evaluated(&mut self, phase: Phase, stage: u16, cumulative: u64, results: &[LevelResult]) -> Result<()> {
         let rows = |result: &LevelResult| {
             let row = |episode| Row { phase, stage, level: result.level.clone(), episode };
             result.episodes.iter().cloned().map(row).collect::<Vec<_>>()
         };
         self.evaluations.extend(results.iter().flat_map(rows));
         self.evaluated = Mark::of(&evaluations::write(&self.path, &self.evaluations)?);
-        Ok(())
+        self.tensorboard(&tensorboard::evaluation(cumulative, results))
     }
 
     /// Saves a run in the midst of a stage, which goes on from there if the process ends.
@@ -269,6 +284,10 @@ impl RunDir {
     /// # Errors
     /// Those of the file system.
     pub fn finish_stage(&mut self, stage: &Stage, agent: &AgentState, dose: Value) -> Result<()> {
+        let is_last = usize::from(stage.index) + 1 == self.manifest.stages.len();
+        if is_last {
+            self.tensorboard(&tensorboard::finished())?;
+        }
         self.logs.sync()?;
         let checkpoint = Checkpoint {
             network: self.network.clone(),
@@ -290,7 +309,7 @@ impl RunDir {
         self.manifest.marks.truncate(stage.index.into());
         self.manifest.marks.push(self.marks());
         self.manifest.dose = dose;
-        if usize::from(self.manifest.stages_done) == self.manifest.stages.len() {
+        if is_last {
             self.manifest.status = Status::Finished;
         }
         self.write_manifest()?;

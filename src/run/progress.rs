@@ -16,6 +16,13 @@ pub(super) struct When {
     pub seconds: f64,
 }
 
+impl When {
+    /// Timesteps per second since the run began.
+    pub(super) fn fps(self) -> f64 {
+        self.cumulative as f64 / self.seconds.max(1e-9)
+    }
+}
+
 /// The bytes of one row of `progress.csv`, after those of the header if there is none yet.
 pub(super) fn row(header: bool, stage: &Stage, when: When, metrics: &Metrics) -> Result<Vec<u8>> {
     let place = [
@@ -24,7 +31,7 @@ pub(super) fn row(header: bool, stage: &Stage, when: When, metrics: &Metrics) ->
         ("time/total_timesteps", when.timesteps.to_string()),
         ("cumulative_timesteps", when.cumulative.to_string()),
         ("time/time_elapsed", format!("{:.3}", when.seconds)),
-        ("time/fps", format!("{:.0}", when.cumulative as f64 / when.seconds.max(1e-9))),
+        ("time/fps", format!("{:.0}", when.fps())),
     ];
     csv_row(header, &place, metrics)
 }

@@ -12,7 +12,7 @@ use crate::agent::state::AgentState;
 use crate::agent::{self, Metrics, Stage};
 use crate::dose::Dose;
 use crate::evaluate::{self, Choose, Starts};
-use crate::plasticity::Monitor;
+use crate::plasticity::{Measurement, Monitor};
 use crate::results::LevelResult;
 use crate::run::evaluations::Phase;
 use crate::run::{Opened, RunDir, Standing};
@@ -140,8 +140,8 @@ impl Run {
     }
 
     /// Takes in a measurement of plasticity.
-    fn log_plasticity(&mut self, stage: &Stage, timesteps: u64, measures: &[(String, f64)]) -> Result<()> {
-        self.dir.log_plasticity(stage, timesteps, self.agent.counters.timesteps + timesteps, measures)
+    fn log_plasticity(&mut self, stage: &Stage, timesteps: u64, measurement: &Measurement) -> Result<()> {
+        self.dir.log_plasticity(stage, timesteps, self.agent.counters.timesteps + timesteps, measurement)
     }
 }
 
@@ -156,7 +156,7 @@ impl Cohort<'_> {
                 return Ok(());
             }
             let results = evaluate_all(experiment, &network, &run.agent);
-            run.dir.evaluated(Phase::Before, 0, &results)
+            run.dir.evaluated(Phase::Before, 0, 0, &results)
         });
         let (first, _, horizon) = self.runs[0].place();
         for stage in &self.experiment.curriculum.stages[usize::from(first)..] {
@@ -171,7 +171,7 @@ impl Cohort<'_> {
             }
             self.each(|experiment, events, run| {
                 let results = evaluate_all(experiment, &network, &run.agent);
-                run.dir.evaluated(Phase::After, stage.index, &results)?;
+                run.dir.evaluated(Phase::After, stage.index, run.agent.counters.timesteps, &results)?;
                 run.dose.end_stage(&run.agent.parameters);
                 let dose = run.dose.to_json();
                 run.dir.finish_stage(&stage, &run.agent, dose)?;
@@ -217,11 +217,8 @@ impl Cohort<'_> {
                 run.attempt(events, |run| {
                     run.log(stage, learner.timesteps(), row, events)?;
                     let Some(measured) = &measured else { return Ok(()) };
-                    run.log_plasticity(
-                        stage,
-                        learner.timesteps(),
-                        &measured.after(&*learner, s, value(row, "train/grad_norm")),
-                    )
+                    let measurement = measured.after(&*learner, s, value(row, "train/grad_norm"));
+                    run.log_plasticity(stage, learner.timesteps(), &measurement)
                 });
             }
             // At the end of a stage its checkpoint follows, but what can be extended goes on in the stage's midst.

@@ -4,13 +4,17 @@ use std::sync::LazyLock;
 
 use crate::message::Message;
 
+/// The smallest end above 0, and how many times larger the next one is.
+const SMALLEST: f64 = 1e-12;
+const GROWTH: f64 = 1.1;
+
 /// The right ends of the buckets: ±1e-12 · 1.1ⁱ below 1e20, 0 between them, and one end for all that is larger.
 ///
 /// A bucket holds the values from the end before it, inclusive, to its own, exclusive. The ends are those of
 /// TensorFlow's `histogram.cc`, whose own first one, the lowest number of all, could hold no value.
 static LIMITS: LazyLock<Vec<f64>> = LazyLock::new(|| {
     let positive: Vec<f64> =
-        std::iter::successors(Some(1e-12), |limit| Some(limit * 1.1)).take_while(|&limit| limit < 1e20).collect();
+        std::iter::successors(Some(SMALLEST), |limit| Some(limit * GROWTH)).take_while(|&limit| limit < 1e20).collect();
     let negative = positive.iter().rev().map(|limit| -limit);
     negative.chain([0.0]).chain(positive.iter().copied()).chain([f64::MAX]).collect()
 });
@@ -21,7 +25,7 @@ pub(crate) fn encode(values: &[f32]) -> Message {
     let mut counts = vec![0_u64; LIMITS.len()];
     let (mut min, mut max) = (f64::MAX, f64::MIN);
     for value in finite() {
-        counts[LIMITS.partition_point(|&limit| limit <= value)] += 1;
+        counts[bucket(value)] += 1;
         (min, max) = (min.min(value), max.max(value));
     }
     let number: u64 = counts.iter().sum();
@@ -39,6 +43,21 @@ pub(crate) fn encode(values: &[f32]) -> Message {
         .doubles(7, buckets.iter().map(|(_, count)| *count as f64))
 }
 
+/// The bucket of a finite value: the first whose end is larger.
+fn bucket(value: f64) -> usize {
+    // The ends are powers, so that a logarithm comes near the place, and faster than a search.
+    let zero = LIMITS.len() / 2 - 1;
+    let powers = ((value.abs() / SMALLEST).ln() / GROWTH.ln()).max(0.0) as usize;
+    let mut at = if value < 0.0 { zero.saturating_sub(powers) } else { (zero + powers).min(LIMITS.len() - 1) };
+    while LIMITS[at] <= value {
+        at += 1;
+    }
+    while at > 0 && LIMITS[at - 1] > value {
+        at -= 1;
+    }
+    at
+}
+
 /// The buckets from the first to the last that holds a value, as `(right end, count)`; empty ones in a row are one.
 fn buckets(counts: &[u64]) -> Vec<(f64, u64)> {
     let Some(first) = counts.iter().position(|&count| count > 0) else {
@@ -54,7 +73,7 @@ mod tests {
 
     fn of(values: &[f64]) -> Vec<(f64, u64)> {
         let mut counts = vec![0; LIMITS.len()];
-        values.iter().for_each(|&value| counts[LIMITS.partition_point(|&limit| limit <= value)] += 1);
+        values.iter().for_each(|&value| counts[bucket(value)] += 1);
         buckets(&counts)
     }
 
@@ -64,6 +83,15 @@ mod tests {
         let inner = &LIMITS[..LIMITS.len() - 1];
         assert!(inner.iter().zip(inner.iter().rev()).all(|(low, high)| *low == -high));
         assert!(inner[0] < -9e19 && inner[0] > -1e20);
+    }
+
+    #[test]
+    fn buckets_are_those_of_a_search() {
+        let magnitudes = (-450..=400).map(|i| 10_f64.powf(f64::from(i) / 10.0));
+        let ends = LIMITS[..LIMITS.len() - 1].iter().flat_map(|&end| [end, end.next_down(), end.next_up()]);
+        for value in magnitudes.flat_map(|value| [value, -value]).chain(ends).chain([0.0, -0.0, f64::MIN_POSITIVE]) {
+            assert_eq!(bucket(value), LIMITS.partition_point(|&limit| limit <= value), "{value:e}");
+        }
     }
 
     #[test]

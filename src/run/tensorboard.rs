@@ -1,0 +1,82 @@
+//! What TensorBoard shows of a run: the columns of the other logs, distributions, evaluations and the settings.
+//!
+//! Steps are the timesteps of all stages, so that the stages of a curriculum stand one after another.
+
+use event_file::{HParam, HParams, SessionStatus};
+use serde_json::Value;
+
+use super::manifest::Manifest;
+use crate::plasticity::Measurement;
+use crate::results::LevelResult;
+
+/// The metrics of the HParams tab, which every run has.
+const METRICS: [&str; 2] = ["rollout/ep_rew_mean", "evaluation/mean_return"];
+
+/// The beginning of the file: the settings, the seed and the stages.
+pub(super) fn beginning(manifest: &Manifest) -> Vec<u8> {
+    let stages: Vec<&str> = manifest.stages.iter().map(|stage| stage.level.as_str()).collect();
+    let own = [
+        ("seed", HParam::Number(manifest.seed as f64)),
+        ("arm", HParam::Text(manifest.arm.clone())),
+        ("curriculum", HParam::Text(manifest.curriculum.clone())),
+        ("stages", HParam::Text(stages.join(", "))),
+    ];
+    let settings = manifest.config.iter().map(|(key, value)| (key.as_str(), hparam(value)));
+    let values: Vec<(&str, HParam)> = own.into_iter().chain(settings).collect();
+    // Runs of one group are shown as one row.
+    let group = format!("{}/{}", manifest.arm, manifest.curriculum);
+    let now = wall_time();
+    let hparams = HParams { group: &group, values: &values, metrics: &METRICS };
+    [event_file::file_version(now), event_file::hparams(now, &hparams)].concat()
+}
+
+fn hparam(value: &Value) -> HParam {
+    match value {
+        Value::Bool(truth) => HParam::Bool(*truth),
+        Value::Number(number) => number.as_f64().map_or_else(|| HParam::Text(number.to_string()), HParam::Number),
+        Value::String(text) => HParam::Text(text.clone()),
+        other => HParam::Text(other.to_string()),
+    }
+}
+
+/// A row of `progress.csv`. What the clock says is a record of its own: all others are the same in every repetition of
+/// the run, their times aside.
+pub(super) fn progress<'a>(cumulative: u64, fps: f64, metrics: impl Iterator<Item = (&'a str, f64)>) -> Vec<u8> {
+    let now = wall_time();
+    let metrics: Vec<(&str, f64)> = metrics.collect();
+    let clock = event_file::scalars(cumulative, now, &[("time/fps", fps)]);
+    [event_file::scalars(cumulative, now, &metrics), clock].concat()
+}
+
+/// A row of `plasticity.csv`, and distributions.
+pub(super) fn plasticity(cumulative: u64, measurement: &Measurement) -> Vec<u8> {
+    let now = wall_time();
+    let measures: Vec<(&str, f64)> = measurement.measures.iter().map(|(name, value)| (name.as_str(), *value)).collect();
+    let distributions: Vec<(&str, &[f32])> =
+        measurement.distributions.iter().map(|(name, values)| (name.as_str(), values.as_slice())).collect();
+    let scalars = event_file::scalars(cumulative, now, &measures);
+    [scalars, event_file::histograms(cumulative, now, &distributions)].concat()
+}
+
+/// Evaluations of all levels: of each one's mean return, the share of start cells solved, and the mean over the levels.
+pub(super) fn evaluation(cumulative: u64, results: &[LevelResult]) -> Vec<u8> {
+    let of_level = |result: &LevelResult| {
+        let tag = |what: &str| format!("evaluation/level-{}/{what}", result.level);
+        [(tag("mean_return"), result.mean), (tag("solved_share"), result.solved_share)]
+    };
+    let mean = results.iter().map(|result| result.mean).sum::<f64>() / results.len() as f64;
+    let all = [("evaluation/mean_return".to_owned(), mean)];
+    let values: Vec<(String, f64)> = all.into_iter().chain(results.iter().flat_map(of_level)).collect();
+    let values: Vec<(&str, f64)> = values.iter().map(|(name, value)| (name.as_str(), *value)).collect();
+    event_file::scalars(cumulative, wall_time(), &values)
+}
+
+/// That the run is done.
+pub(super) fn finished() -> Vec<u8> {
+    event_file::session_end(wall_time(), SessionStatus::Success)
+}
+
+/// Seconds since 1970, UTC.
+fn wall_time() -> f64 {
+    jiff::Timestamp::now().as_microsecond() as f64 / 1e6
+}
