@@ -24,6 +24,7 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Curriculum(args) => args.run(cli.verbosity()),
         Command::Eval(args) => args.run(),
         Command::Baseline(args) => args.run(),
+        Command::Runs(args) => args.run(),
         Command::Compare(args) => args.run(),
         Command::Levels(args) => args.run(),
     }

@@ -6,6 +6,7 @@ pub mod curriculum;
 pub mod eval;
 pub mod levels;
 mod output;
+pub mod runs;
 mod signals;
 pub mod train;
 mod training;
@@ -67,6 +68,8 @@ pub enum Command {
     Eval(eval::EvalArgs),
     /// Evaluate a planner: greedy A*, the proved optimum, or random moves.
     Baseline(baseline::BaselineArgs),
+    /// List runs, live ones included: status, progress, return.
+    Runs(runs::RunsArgs),
     /// Lay runs side by side (the study's Table 5).
     Compare(compare::CompareArgs),
     /// List, show, check, generate or draw levels.

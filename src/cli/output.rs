@@ -41,14 +41,32 @@ pub(super) fn print_evaluations(evaluations: &[Evaluation], format: Format) -> R
     write_stdout(&text)
 }
 
-/// Writes to stdout; a reader that has gone (`| head`) is no error.
+/// Whether somebody still reads stdout.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Reader {
+    /// As far as can be told.
+    There,
+    /// A pipe's other end was closed (`| head`).
+    Gone,
+}
+
+/// Writes to stdout; a reader that has gone is no error.
 ///
 /// # Errors
 /// Any other that stdout has.
 pub(super) fn write_stdout(text: &str) -> Result<()> {
+    offer_stdout(text).map(drop)
+}
+
+/// Writes to stdout, and tells whether there is any use in writing more.
+///
+/// # Errors
+/// Any that stdout has, but for a reader that has gone.
+pub(super) fn offer_stdout(text: &str) -> Result<Reader> {
     let mut stdout = io::stdout().lock();
     match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
-        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error).context("cannot write to stdout"),
-        _ => Ok(()),
+        Ok(()) => Ok(Reader::There),
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(Reader::Gone),
+        Err(error) => Err(error).context("cannot write to stdout"),
     }
 }

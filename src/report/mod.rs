@@ -2,8 +2,10 @@
 
 pub mod analysis;
 pub mod export;
+pub mod find;
 pub mod map;
 pub mod published;
+pub mod runs;
 pub mod study;
 mod table;
 pub mod tables;

@@ -13,6 +13,13 @@ const NAME: &str = ".lock";
 /// Held for as long as it lives; the operating system lets go of it when the process ends, however it ends.
 pub(super) struct Lock(#[expect(dead_code, reason = "it is held, not used")] File);
 
+/// Whether a process holds the run's lock, wherever it runs; looks without creating anything.
+///
+/// The lock is held for an instant where nobody has it: ask only of runs that are said to be running.
+pub fn is_held(run: &Path) -> bool {
+    File::open(run.join(NAME)).is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)))
+}
+
 impl Lock {
     /// Takes the lock of a run.
     ///

@@ -44,6 +44,7 @@ use snapshot::SavedSnapshot;
 use standing::Found;
 
 pub use atomic::write as write_file;
+pub use lock::is_held;
 pub use settings::differences;
 pub use standing::Standing;
 

@@ -15,6 +15,7 @@ mod replay;
 mod results;
 mod resume;
 mod runs;
+mod runs_command;
 mod sandbox;
 mod sb3_dqn;
 mod sb3_models;
