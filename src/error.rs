@@ -1,7 +1,6 @@
 //! What went wrong, as far as the exit code cares, and how it is said.
 
 use std::fmt::Display;
-use std::io::{self, Write};
 
 /// The user's input is wrong: exit code 2.
 #[derive(Debug, thiserror::Error)]
@@ -20,11 +19,9 @@ impl UserError {
 #[error("{0}")]
 pub struct Interrupted(pub String);
 
-/// Writes a line to stderr.
-///
-/// That it cannot be written (a log on a full disk, a terminal that is gone) is no reason to end a training.
+/// Says something to whoever watches, unless less is to be shown; see [`messages`](crate::messages).
 pub fn tell(line: impl Display) {
-    let _ = writeln!(io::stderr(), "{line}");
+    tracing::info!("{line}");
 }
 
 /// The process's exit code for an error.

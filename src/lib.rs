@@ -10,6 +10,7 @@ pub mod curriculum;
 pub mod dose;
 pub mod error;
 pub mod evaluate;
+pub mod messages;
 pub mod plasticity;
 pub mod report;
 pub mod results;

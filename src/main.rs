@@ -5,14 +5,16 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Parser;
 use cpp_rl::cli::{Cli, Command};
-use cpp_rl::error::{exit_code, tell};
+use cpp_rl::error::exit_code;
+use cpp_rl::messages;
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
+    messages::show(cli.verbosity());
     match run(&cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            tell(format_args!("error: {error:#}"));
+            tracing::error!("{error:#}");
             ExitCode::from(exit_code(&error))
         }
     }

@@ -31,7 +31,7 @@ impl CompareArgs {
     /// Directories without runs, and files that cannot be read or written.
     pub fn run(&self) -> Result<()> {
         let analysis = Analysis::read(&self.runs)?;
-        analysis.warnings.iter().for_each(|warning| tell(format_args!("warning: {warning}")));
+        analysis.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
         if let Some(out) = &self.out {
             export::write(&analysis, out)?;
             tell(format_args!("written to {}", out.display()));

@@ -2,13 +2,13 @@
 
 use anyhow::Result;
 use clap::Args;
+use tracing::warn;
 
 use super::output::write_stdout;
 use super::parse_levels;
 use super::training::{TrainingArgs, carry_out, conclude};
 use crate::agent::Stage;
 use crate::curriculum::Curriculum;
-use crate::error::tell;
 use crate::report::study::{Planned, after_stage, matrix};
 use crate::report::{Format, Table, render};
 use crate::run::evaluations::{self, Row};
@@ -84,7 +84,7 @@ fn written(experiment: &Experiment) -> Vec<Vec<Row>> {
     let read = |&seed: &u64| match evaluations::read(&experiment.run_path(seed)) {
         Ok(rows) => Some(rows),
         Err(error) => {
-            tell(format_args!("seed {seed} is missing from the table: {error:#}"));
+            warn!("seed {seed} is missing from the table: {error:#}");
             None
         }
     };
@@ -94,6 +94,6 @@ fn written(experiment: &Experiment) -> Vec<Vec<Row>> {
 /// Prints a table while the training goes on, which it must not end.
 fn print_now(table: &Table) {
     if let Err(error) = write_stdout(&(table.render(Format::Table) + "\n")) {
-        tell(format_args!("cannot print the study's table: {error:#}"));
+        warn!("cannot print the study's table: {error:#}");
     }
 }

@@ -8,7 +8,7 @@ use coverage_env::generator::LevelSpec;
 use coverage_env::{BUILTIN_IDS, Level};
 
 use super::output::write_stdout;
-use crate::error::{UserError, tell};
+use crate::error::UserError;
 use crate::report::{Cell, Format, Table, map};
 use crate::run::write_file;
 
@@ -127,7 +127,7 @@ fn check(levels: &[String]) -> Result<()> {
             ))?,
             Err(error) => {
                 wrong += 1;
-                tell(error);
+                tracing::error!("{error}");
             }
         }
     }

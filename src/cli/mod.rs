@@ -38,7 +38,7 @@ pub struct Cli {
 
 #[derive(Clone, Copy, Debug, Args)]
 struct VerbosityArgs {
-    /// Show less: no progress, failures only.
+    /// Show less: no progress, warnings and failures only.
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
     /// Show more: the resolved settings first, and each stage's end.

@@ -1,0 +1,77 @@
+//! What is seen on stderr: on a terminal, in a pipe, and with less or more of it.
+
+use std::process::Command;
+
+use crate::sandbox::Sandbox;
+
+const TRAIN: &str = "train --config ppo.yaml --level a.yaml";
+
+/// What a terminal is sent while the program runs on it; nothing where there is no `script` of util-linux.
+fn on_a_terminal(sandbox: &Sandbox, arguments: &str) -> Option<String> {
+    let command = format!("exec {} {arguments}", env!("CARGO_BIN_EXE_cpp-rl"));
+    let mut script = Command::new("script");
+    script.args(["-qec", &command, "/dev/null"]).env("TERM", "xterm").current_dir(sandbox.path("."));
+    let Ok(output) = script.output() else {
+        eprintln!("skipped: there is no script(1) to make a terminal");
+        return None;
+    };
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{text}");
+    Some(text)
+}
+
+/// What was sent between control sequences and line ends.
+fn pieces(sent: &str) -> Vec<String> {
+    let mut text = String::new();
+    let mut characters = sent.chars();
+    while let Some(character) = characters.next() {
+        if character == '\x1b' {
+            // ESC [ parameters, up to a letter.
+            let _ = characters.by_ref().find(char::is_ascii_alphabetic);
+            text.push('\n');
+        } else {
+            text.push(character);
+        }
+    }
+    text.split(['\r', '\n']).map(str::to_owned).collect()
+}
+
+#[test]
+fn a_pipe_gets_plain_lines() {
+    let sandbox = Sandbox::new();
+    let stderr = sandbox.succeeds(&format!("{TRAIN} --seeds 0..8")).stderr;
+    for seed in 0..8 {
+        let done = format!("seed {seed}: stage 0 is done, the last is 0");
+        assert_eq!(stderr.lines().filter(|line| *line == done).count(), 1, "{stderr}");
+    }
+    assert!(stderr.contains("8 of 8 seeds finished") && !stderr.contains(['\x1b', '\r']), "{stderr}");
+}
+
+#[test]
+fn less_and_more_can_be_shown() {
+    let sandbox = Sandbox::new();
+    assert_eq!(sandbox.succeeds(&format!("{TRAIN} --quiet")).stderr, "");
+    assert!(sandbox.succeeds(&format!("{TRAIN} --seeds 1 -v")).stderr.contains("learning_rate: "));
+    let error = sandbox.fails(2, &format!("{TRAIN} --quiet"));
+    assert!(error.starts_with("error: ") && error.contains("--resume"), "{error}");
+}
+
+#[test]
+fn messages_and_bars_leave_each_other_whole() {
+    let sandbox = Sandbox::new();
+    for (seeds, bars) in [("0..3", true), ("10..30", false)] {
+        let Some(sent) = on_a_terminal(&sandbox, &format!("{TRAIN} --timesteps 2048 --seeds {seeds} -v")) else {
+            return;
+        };
+        let pieces = pieces(&sent);
+        let first = seeds.split('.').next().expect("a number");
+        let done = format!("seed {first}: stage 0 is done, the last is 0");
+        assert!(pieces.contains(&done), "{pieces:#?}");
+        let shown = |part: &str| pieces.iter().any(|piece| piece.contains('%') && piece.contains(part));
+        for part in ["stage 1/1", "/s  ", " left", "return "] {
+            assert!(shown(part), "{part} is not in {pieces:#?}");
+        }
+        assert_eq!(shown(&format!("seed {first} ")), bars, "{pieces:#?}");
+        assert!(pieces.iter().any(|piece| piece.starts_with("policy ")), "the table begins a line: {pieces:#?}");
+    }
+}
