@@ -108,6 +108,8 @@ impl TrainingArgs {
             ))
             .into());
         }
+        let cells = curriculum.levels.iter().map(|level| level.len()).max().unwrap_or(0);
+        config.check_size(cells).map_err(UserError::new)?;
         let backend = Backend::choose(config.kernel, self.device).map_err(UserError::new)?;
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         Ok(Experiment {

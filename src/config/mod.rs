@@ -6,6 +6,7 @@
 mod field;
 mod presets;
 mod settings;
+mod size;
 
 use bit_mlp::Activation;
 use serde_json::{Map, Value};

@@ -135,7 +135,10 @@ impl Checkpoint {
     }
 
     /// Reads the bytes of a file.
-    fn from_bytes(bytes: &[u8]) -> Result<Self, String> {
+    ///
+    /// # Errors
+    /// Anything but a whole checkpoint of this format.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, String> {
         let mut file = Container::open(bytes, KIND)?;
         let header: Header = serde_json::from_str(&file.header).map_err(not_ours)?;
         let network = header.network()?;

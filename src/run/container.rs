@@ -1,7 +1,8 @@
 //! The files that hold tensors: safetensors with a header of our own and a checksum over every byte.
 
 use std::collections::HashMap;
-use std::fs;
+use std::fs::File;
+use std::io::{self, Read};
 use std::path::Path;
 
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
@@ -18,6 +19,8 @@ pub(super) const NO_CRC: &str = "00000000";
 const HEADER_KEY: &str = "cpp-rl";
 /// Larger files are none of ours.
 const MAX_BYTES: u64 = 4 << 30;
+/// Longer headers are no headers of ours: some kilobytes, or some hundred for each environment of a snapshot.
+const MAX_HEADER_BYTES: u64 = 1 << 26;
 /// What stands before the checksum's digits: the header is JSON within JSON, so that its quotes are escaped.
 const CRC_FIELD: &[u8] = br#"\"crc32\":\""#;
 const CRC_DIGITS: usize = NO_CRC.len();
@@ -65,17 +68,32 @@ pub(super) fn to_bytes(header: &impl Serialize, tensors: &[Tensor]) -> Vec<u8> {
     bytes
 }
 
-/// The bytes of a file, unless it is too large to be one of ours.
+/// The bytes of a file, of which nothing is read or allocated that none of ours can have.
 ///
 /// # Errors
 /// In words, without the file's name.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, String> {
-    let cannot = |error: std::io::Error| format!("cannot read the checkpoint: {error}");
-    let size = fs::metadata(path).map_err(cannot)?.len();
+    let cannot = |error: io::Error| format!("cannot read the checkpoint: {error}");
+    let mut file = File::open(path).map_err(cannot)?;
+    let metadata = file.metadata().map_err(cannot)?;
+    let size = metadata.len();
+    if !metadata.is_file() {
+        return Err("cannot read the checkpoint: it is not a file".to_owned());
+    }
     if size > MAX_BYTES {
         return Err(format!("{size} bytes are too many for a checkpoint (at most {MAX_BYTES})"));
     }
-    fs::read(path).map_err(cannot)
+    let mut bytes = Vec::new();
+    (&mut file).take(8).read_to_end(&mut bytes).map_err(cannot)?;
+    if let Ok(length) = <[u8; 8]>::try_from(bytes.as_slice()).map(u64::from_le_bytes)
+        && length > MAX_HEADER_BYTES
+    {
+        let message = format!("not a checkpoint of cpp-rl: its header is said to have {length} bytes");
+        return Err(format!("{message} (at most {MAX_HEADER_BYTES} are possible)"));
+    }
+    // A file that grows meanwhile is read no further.
+    file.take(size.saturating_sub(8)).read_to_end(&mut bytes).map_err(cannot)?;
+    Ok(bytes)
 }
 
 /// An opened file; each tensor is taken out of it once.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use indicatif::{FormattedDuration, MultiProgress, ProgressBar, ProgressStyle};
-use tracing::{debug, error, info};
+use tracing::{debug, error, info, warn};
 
 use super::{Event, Experiment};
 use crate::messages;

@@ -9,6 +9,7 @@ mod dqn_schedule;
 mod faults;
 mod fixtures;
 mod kernels;
+mod limits;
 mod messages;
 mod numbers;
 mod plasticity;
