@@ -151,6 +151,9 @@ pub fn parse_levels(spec: &str) -> Result<Vec<Level>> {
             let digits = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
             digits(from) && digits(to)
         });
+        if part.is_empty() {
+            return Err(UserError::new(format!("--levels: {spec:?} names an empty level; drop a comma")).into());
+        }
         let ids = if is_range {
             let numbers = parse_numbers(part).map_err(|e| UserError::new(format!("--levels: {e}")))?;
             numbers.iter().map(u64::to_string).collect()

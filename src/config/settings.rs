@@ -83,9 +83,7 @@ pub fn resolve(
     }
     let mut layers = match (algo, top.remove("extends")) {
         (Some(algo), Some((extends, origin))) if extends.as_str() != Some(algo) => {
-            return Err(
-                origin.error(format!("the file extends {extends}, but --algo says \"{algo}\": drop one of the two"))
-            );
+            return Err(origin.error(format!("it extends {extends}, but --algo says \"{algo}\": drop one of the two")));
         }
         (Some(algo), _) => preset_layers(algo, &Origin::Algo)?,
         (None, Some((extends, origin))) => preset_layers(&text_of("extends", &extends, &origin)?, &origin)?,
@@ -132,6 +130,10 @@ fn build(mut settings: Layer) -> Result<Config, ConfigError> {
 
     let mut take = Take { settings, known: vec!["name", "algorithm", "extends"], error: None };
     let l2_origin = take.settings.get("l2_coef").map_or(Origin::Algo, |(_, origin)| origin.clone());
+    // Whichever of them the user set is the one to change.
+    let products = ["num_envs", "n_steps", "buffer_size"].into_iter().filter_map(|key| take.settings.get(key));
+    let of_user = products.map(|(_, origin)| origin).find(|origin| !matches!(origin, Origin::Preset(_)));
+    let products_origin = of_user.cloned().unwrap_or(Origin::Algo);
     config.visit(&mut take);
     if let Some(error) = take.error {
         return Err(error);
@@ -144,18 +146,21 @@ fn build(mut settings: Layer) -> Result<Config, ConfigError> {
             l2_origin.error("l2_coef has no effect while l2 is none: choose l2=adamw, adam or loss, or drop it")
         );
     }
-    check_products(&config).map_err(|problem| Origin::Algo.error(problem))?;
+    check_products(&config).map_err(|problem| products_origin.error(problem))?;
     Ok(config)
 }
 
 /// Settings that are possible one by one, but not together.
 fn check_products(config: &Config) -> Result<(), String> {
     match &config.algorithm {
-        Algorithm::Dqn(dqn) if dqn.buffer_size < config.num_envs => {
-            Err("buffer_size must hold at least one transition per environment (num_envs)".to_owned())
-        }
+        Algorithm::Dqn(dqn) if dqn.buffer_size < config.num_envs => Err(format!(
+            "buffer_size: expected room for a transition of each environment, {} (num_envs) or more, got {}",
+            config.num_envs, dqn.buffer_size
+        )),
         Algorithm::Ppo(ppo) if ppo.n_steps * config.num_envs > MAX_ROLLOUT => Err(format!(
-            "n_steps × num_envs makes {} samples in a rollout; at most {MAX_ROLLOUT} are possible",
+            "n_steps × num_envs: {} × {} makes {} samples in a rollout; at most {MAX_ROLLOUT} are possible",
+            ppo.n_steps,
+            config.num_envs,
             ppo.n_steps * config.num_envs
         )),
         _ => Ok(()),
@@ -182,16 +187,21 @@ impl Visitor for Take {
 }
 
 fn unknown_key(key: &str, known: &[&str], algorithm: &str) -> String {
-    let nearest = known
-        .iter()
-        .map(|k| (strsim::damerau_levenshtein(k, key), *k))
-        .min()
-        .filter(|(distance, k)| *distance <= 1 + k.len() / 3)
-        .map_or_else(
+    let others = [Algorithm::Ppo(PpoConfig::default()), Algorithm::Dqn(DqnConfig::default())].map(Config::new);
+    let remedy = match others.iter().find(|config| config.to_json().contains_key(key)) {
+        Some(other) => format!("it is one of {}", other.algorithm.name()),
+        None => nearest(key, known).map_or_else(
             || format!("known keys are {}", known.join(", ")),
-            |(_, nearest)| format!("did you mean \"{nearest}\"?"),
-        );
-    format!("unknown key \"{key}\" for algorithm {algorithm}; {nearest}")
+            |nearest| format!("did you mean \"{nearest}\"?"),
+        ),
+    };
+    format!("unknown key \"{key}\" for algorithm {algorithm}; {remedy}")
+}
+
+/// The known word that `word` was probably meant to be.
+fn nearest<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
+    let distances = known.iter().map(|k| (strsim::damerau_levenshtein(k, word), *k));
+    distances.min().filter(|(distance, k)| *distance <= 1 + k.len() / 3).map(|(_, nearest)| nearest)
 }
 
 /// An arm's name becomes a folder's name.
@@ -211,7 +221,8 @@ fn text_of(key: &str, value: &Value, origin: &Origin) -> Result<String, ConfigEr
 fn preset_layers(name: &str, origin: &Origin) -> Result<Layer, ConfigError> {
     let text = preset(name).ok_or_else(|| {
         let names: Vec<&str> = preset_names().collect();
-        origin.error(format!("unknown preset {name:?}; presets are {}", names.join(", ")))
+        let meant = nearest(name, &names).map_or_else(String::new, |nearest| format!("did you mean {nearest:?}? "));
+        origin.error(format!("unknown preset {name:?}; {meant}presets are {}", names.join(", ")))
     })?;
     let here = Origin::Preset(name.to_owned());
     let mut own = parse(text, |_| here.clone())?;
@@ -243,7 +254,11 @@ fn parse(text: &str, origin: impl Fn(Option<(u64, u64)>) -> Origin) -> Result<La
     }
     let file: File = serde_saphyr::from_str(text).map_err(|error| {
         let at = error.location().map(|l| (l.line(), l.column()));
-        origin(at).error(format!("not a list of `key: value` settings: {}", error.without_snippet()))
+        let message = error.without_snippet().render_with_formatter(&serde_saphyr::UserMessageFormatter);
+        // The place stands before it already.
+        let place = at.map_or_else(String::new, |(line, column)| format!(" at line {line}, column {column}"));
+        let message = message.strip_suffix(&place).unwrap_or(&message);
+        origin(at).error(format!("not a list of `key: value` settings: {message}"))
     })?;
     let place = |spanned: &serde_saphyr::Spanned<Value>| (spanned.referenced.line(), spanned.referenced.column());
     Ok(file.into_iter().map(|(key, spanned)| (key, (spanned.value.clone(), origin(Some(place(&spanned)))))).collect())

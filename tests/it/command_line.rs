@@ -9,6 +9,7 @@ fn refused(cases: &[(&str, &[&str])]) {
     sandbox.write("unknown.yaml", "extends: ppo\nlearning_rat: 1e-3\n");
     sandbox.write("value.yaml", "extends: ppo\n\ngamma: high\n");
     sandbox.write("syntax.yaml", "extends: ppo\ngamma: [0.5\n");
+    sandbox.write("twice.yaml", "extends: ppo\ngamma: 0.5\ngamma: 0.6\n");
     sandbox.write("text.yaml", "just some text\n");
     sandbox.write("preset.yaml", "extends: ppo-l3\n");
     sandbox.write("latin1.yaml", b"extends: ppo\nname: caf\xE9\n");
@@ -30,7 +31,14 @@ fn settings() {
             "train --level 0 --algo ppo --set learning_rat=1",
             &["--set learning_rat=1", "\"learning_rat\"", "did you mean \"learning_rate\"?"],
         ),
-        ("train --level 0 --algo dqn --set n_steps=4", &["unknown key \"n_steps\" for algorithm dqn"]),
+        (
+            "train --level 0 --algo dqn --set n_steps=4",
+            &["unknown key \"n_steps\" for algorithm dqn", "it is one of ppo"],
+        ),
+        (
+            "train --level 0 --algo dqn --set buffer_size=2 --set num_envs=4",
+            &["--set num_envs=4", "buffer_size: expected", "4 (num_envs) or more, got 2"],
+        ),
         (
             "train --level 0 --algo ppo --set gamma=1.5",
             &["--set gamma=1.5", "gamma: expected a number from 0 to 1, got 1.5"],
@@ -46,7 +54,7 @@ fn settings() {
         ("train --level 0 --algo ppo --set gamma", &["--set gamma", "expected key=value"]),
         ("train --level 0 --algo ppo --timesteps 0", &["timesteps: expected an integer from 1 to", "got 0"]),
         ("train --level 0 --algo ppo --set name=../up", &["name: expected", "\"../up\""]),
-        ("train --level 0 --algo pop", &["--algo", "unknown preset \"pop\"", "ppo-l2-dohare"]),
+        ("train --level 0 --algo pop", &["--algo", "unknown preset \"pop\"", "did you mean \"ppo\"?", "ppo-l2-dohare"]),
         ("train --level 0", &["no algorithm chosen", "--algo", "ppo"]),
     ]);
 }
@@ -63,6 +71,7 @@ fn settings_in_files() {
             &["value.yaml:3:", "gamma: expected a number from 0 to 1, got \"high\""],
         ),
         ("train --level 0 --config syntax.yaml", &["syntax.yaml:", "not a list of `key: value` settings"]),
+        ("train --level 0 --config twice.yaml", &["twice.yaml:3:1: ", "duplicate", "gamma"]),
         ("train --level 0 --config text.yaml", &["text.yaml:1:", "not a list of `key: value` settings"]),
         ("train --level 0 --config preset.yaml", &["preset.yaml:1:", "unknown preset \"ppo-l3\"", "ppo-l2"]),
         ("train --level 0 --config latin1.yaml", &["latin1.yaml", "UTF-8"]),
@@ -77,6 +86,7 @@ fn levels() {
         ("train --algo ppo --level 7", &["7", "level"]),
         ("baseline astar --levels 0..9", &["5", "level"]),
         ("baseline astar --levels 3..3", &["--levels", "\"3..3\" is an empty range"]),
+        ("baseline astar --levels 0,,1", &["--levels", "\"0,,1\" names an empty level"]),
         ("baseline astar --levels absent.yaml", &["absent.yaml"]),
         ("baseline astar --levels ragged.yaml", &["ragged.yaml", "row"]),
         ("baseline astar --levels letter.yaml", &["letter.yaml", "row", "column", "'x'"]),
