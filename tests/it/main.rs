@@ -4,6 +4,7 @@
 
 mod advantages;
 mod analysis;
+mod arbitrary;
 mod command_line;
 mod dqn_schedule;
 mod faults;
