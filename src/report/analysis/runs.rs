@@ -1,10 +1,10 @@
 //! Runs as they lie on the disk, reduced while they are read.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use serde::Serialize;
 
 use super::Protocol;
@@ -12,14 +12,13 @@ use super::arms::Group;
 use super::levels::LevelInfo;
 use super::logs::Logs;
 use crate::error::UserError;
+use crate::report::find::{NoRun, find_runs};
 use crate::results::{Episode, LevelResult};
 use crate::run::evaluations::{self, Phase, Row};
 use crate::run::manifest::{Manifest, Status};
 
 /// The folder of runs through a whole curriculum; others hold runs on one level afresh.
 const CURRICULUM: &str = "curriculum";
-/// Folders below a given one that may hold runs: arm, curriculum, seed.
-const DEPTH: usize = 4;
 
 /// One run that was found.
 #[derive(Clone, Debug, Serialize)]
@@ -94,35 +93,22 @@ pub(super) struct Evaluated {
 pub(super) fn find(directories: &[PathBuf]) -> Result<Vec<Found>> {
     let mut paths = BTreeSet::new();
     for directory in directories {
-        let mut found = BTreeSet::new();
-        find_below(directory, DEPTH, &mut found)?;
-        if found.is_empty() {
+        let cannot = |path: &Path, error: &io::Error| {
+            UserError::new(format!("cannot read the directory {}: {error}", path.display()))
+        };
+        let found = find_runs(directory).map_err(|error| cannot(directory, &error))?;
+        for (path, other) in &found.others {
+            if let NoRun::Unreadable(error) = other {
+                return Err(cannot(path, error).into());
+            }
+        }
+        if found.runs.is_empty() {
             let message = "holds no run: give a run's directory (with a manifest.json) or a folder of runs";
             return Err(UserError::new(format!("{} {message}", directory.display())).into());
         }
-        paths.extend(found);
+        paths.extend(found.runs);
     }
     paths.into_iter().map(|path| Ok(Found { manifest: Manifest::read(&path)?, path })).collect()
-}
-
-/// Collects the directories that hold a manifest, in and below `directory`.
-fn find_below(directory: &Path, depth: usize, found: &mut BTreeSet<PathBuf>) -> Result<()> {
-    if directory.join("manifest.json").is_file() {
-        found.insert(directory.to_owned());
-        return Ok(());
-    }
-    if depth == 0 {
-        return Ok(());
-    }
-    let entries = fs::read_dir(directory)
-        .map_err(|e| UserError::new(format!("cannot read the directory {}: {e}", directory.display())))?;
-    for entry in entries {
-        let entry = entry.with_context(|| format!("cannot read {}", directory.display()))?;
-        if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
-            find_below(&entry.path(), depth - 1, found)?;
-        }
-    }
-    Ok(())
 }
 
 impl Run {
