@@ -16,7 +16,8 @@ pub struct CompareArgs {
     /// Runs' directories, or folders of runs at any depth up to four.
     #[arg(value_name = "RUN_DIR", required = true)]
     runs: Vec<PathBuf>,
-    /// Also write the whole report into this folder: all tables as Markdown, LaTeX and CSV, and everything as JSON.
+    /// Also write the whole report into this folder: report.html with every figure and table, the figures as SVG and PNG,
+    /// the tables as Markdown, LaTeX and CSV, and everything as JSON.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// How the main tables are printed; json prints everything.
@@ -33,7 +34,7 @@ impl CompareArgs {
         let analysis = Analysis::read(&self.runs)?;
         analysis.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
         if let Some(out) = &self.out {
-            export::write(&analysis, out)?;
+            export::write(&analysis, out, &command_line())?;
             tell(format_args!("written to {}", out.display()));
         }
         match self.format {
@@ -41,4 +42,11 @@ impl CompareArgs {
             format => write_stdout(&render(&tables::main(&analysis), format)),
         }
     }
+}
+
+/// The command as it was given, arguments with spaces quoted.
+fn command_line() -> String {
+    let quote = |argument: String| if argument.contains(' ') { format!("'{argument}'") } else { argument };
+    let arguments = std::env::args_os().skip(1).map(|argument| quote(argument.to_string_lossy().into_owned()));
+    ["cpp-rl".to_owned()].into_iter().chain(arguments).collect::<Vec<_>>().join(" ")
 }

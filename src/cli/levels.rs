@@ -1,6 +1,6 @@
 //! `cpp-rl levels`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::{Args, Subcommand};
@@ -8,8 +8,8 @@ use coverage_env::generator::LevelSpec;
 use coverage_env::{BUILTIN_IDS, Level};
 
 use super::output::write_stdout;
-use crate::error::UserError;
-use crate::report::{Cell, Format, Table, map};
+use crate::error::{UserError, tell};
+use crate::report::{Cell, Format, Table, export, figures};
 use crate::run::write_file;
 
 /// List, show, check, generate or draw levels.
@@ -60,12 +60,12 @@ enum Action {
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
-    /// Draw levels side by side as SVG (the study's Figure 1): targets green, walls black.
+    /// Draw levels side by side (the study's Figure 1): targets green, walls black.
     Draw {
         /// Levels: ids, ranges such as 0..5, or paths, separated by commas.
         #[arg(long, value_name = "SPEC", default_value = "0..5")]
         levels: String,
-        /// Write the drawing here instead of to stdout.
+        /// Write the drawing here, as PNG if the name ends in .png, instead of as SVG to stdout.
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
@@ -89,7 +89,7 @@ impl LevelsArgs {
                 let level = spec.generate().map_err(|e| UserError::new(format!("no such level is possible: {e}")))?;
                 deliver(&level.to_yaml(), out.as_ref())
             }
-            Action::Draw { levels, out } => deliver(&map::draw(&super::parse_levels(levels)?), out.as_ref()),
+            Action::Draw { levels, out } => draw(&super::parse_levels(levels)?, out.as_ref()),
         }
     }
 }
@@ -137,9 +137,22 @@ fn check(levels: &[String]) -> Result<()> {
     Err(UserError::new(format!("{wrong} of {} levels are not valid", levels.len())).into())
 }
 
+fn draw(levels: &[Level], out: Option<&PathBuf>) -> Result<()> {
+    let drawing = figures::draw_levels(levels);
+    let is_png = |path: &Path| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+    match out {
+        Some(path) if is_png(path) => save(path, &drawing.to_png(export::PNG_SCALE)?),
+        out => deliver(&drawing.to_svg(), out),
+    }
+}
+
 fn deliver(text: &str, out: Option<&PathBuf>) -> Result<()> {
     match out {
-        Some(path) => write_file(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display())),
+        Some(path) => save(path, text.as_bytes()),
         None => write_stdout(text),
     }
+}
+
+fn save(path: &Path, bytes: &[u8]) -> Result<()> {
+    write_file(path, bytes).with_context(|| format!("cannot write {}", path.display()))
 }

@@ -1,30 +1,65 @@
 //! A report as files.
 
 use std::fs;
+use std::num::NonZero;
 use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
 
 use anyhow::{Context, Result};
 
 use super::analysis::Analysis;
+use super::figures::{self, NamedFigure};
 use super::tables::{self, NamedTable};
-use super::{Format, Table, render};
+use super::{Format, Table, html, render};
 use crate::run::write_file;
 
-/// Writes `report.json`, `tables.md`, `tables.tex` and `tables/*.csv` into `directory`, which is made if need be.
+/// Pixels of figures as PNG, in units of 96 per inch of the printed figure: 288 per inch.
+pub const PNG_SCALE: f64 = 3.0;
+/// What the measures are, to lie beside the report.
+const METRICS: &str = include_str!("../../docs/metrics.md");
+
+/// Writes `report.html`, `report.json`, `tables.md`, `tables.tex`, `tables/*.csv`, `figures/*.svg`, `figures/*.png` and
+/// the definitions of all measures, `metrics.md`, into `directory`, which is made if need be. `command` is what the
+/// report says it was made by.
 ///
 /// # Errors
 /// Those of the file system.
-pub fn write(analysis: &Analysis, directory: &Path) -> Result<()> {
-    let csv = directory.join("tables");
-    fs::create_dir_all(&csv).with_context(|| format!("cannot create {}", csv.display()))?;
-    let named = tables::all(analysis);
-    for NamedTable { name, table } in &named {
+pub fn write(analysis: &Analysis, directory: &Path, command: &str) -> Result<()> {
+    let [csv, drawn] = ["tables", "figures"].map(|folder| directory.join(folder));
+    for folder in [&csv, &drawn] {
+        fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    }
+    let tables = tables::all(analysis);
+    for NamedTable { name, table, .. } in &tables {
         write_text(&csv.join(format!("{name}.csv")), &table.render(Format::Csv))?;
     }
-    let tables: Vec<Table> = named.into_iter().map(|named| named.table).collect();
+    let figures = figures::all(analysis);
+    write_figures(&figures, &drawn)?;
+    write_text(&directory.join("report.html"), &html::page(analysis, &figures, &tables, command).to_html())?;
+    let tables: Vec<Table> = tables.into_iter().map(|named| named.table).collect();
     write_text(&directory.join("tables.md"), &(render(&tables, Format::Markdown) + &warnings(analysis)))?;
     write_text(&directory.join("tables.tex"), &render(&tables, Format::Latex))?;
+    write_text(&directory.join("metrics.md"), METRICS)?;
     write_text(&directory.join("report.json"), &(serde_json::to_string(analysis)? + "\n"))
+}
+
+/// Writes every figure as SVG and PNG, on all cores: drawing pixels takes most of a report's time.
+fn write_figures(figures: &[NamedFigure], directory: &Path) -> Result<()> {
+    let next = AtomicUsize::new(0);
+    let work = || -> Result<()> {
+        while let Some(NamedFigure { name, drawing, .. }) = figures.get(next.fetch_add(1, Ordering::Relaxed)) {
+            write_text(&directory.join(format!("{name}.svg")), &drawing.to_svg())?;
+            let png = drawing.to_png(PNG_SCALE).with_context(|| format!("cannot draw the figure {name}"))?;
+            write_bytes(&directory.join(format!("{name}.png")), &png)?;
+        }
+        Ok(())
+    };
+    let threads = thread::available_parallelism().map_or(1, NonZero::get).min(figures.len());
+    thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+        workers.into_iter().try_for_each(|worker| worker.join().expect("a figure can be drawn"))
+    })
 }
 
 /// What a reader must know, as a list in Markdown.
@@ -34,5 +69,9 @@ fn warnings(analysis: &Analysis) -> String {
 }
 
 fn write_text(path: &Path, text: &str) -> Result<()> {
-    write_file(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
+    write_bytes(path, text.as_bytes())
+}
+
+fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
+    write_file(path, bytes).with_context(|| format!("cannot write {}", path.display()))
 }

@@ -2,13 +2,16 @@
 
 pub mod analysis;
 pub mod export;
+pub mod figures;
 pub mod find;
-pub mod map;
+mod html;
+mod names;
 pub mod published;
 pub mod runs;
 pub mod study;
 mod table;
 pub mod tables;
+pub mod topic;
 
 pub use table::{Cell, Format, Table, render};
 

@@ -82,7 +82,7 @@ impl From<String> for Cell {
 
 impl Cell {
     /// As people read it; `plus_minus` stands between mean and deviation.
-    fn shown(&self, plus_minus: &str) -> String {
+    pub(super) fn shown(&self, plus_minus: &str) -> String {
         match self {
             Self::Text(text) => text.clone(),
             Self::Number(value, decimals) => format!("{value:.decimals$}"),

@@ -411,7 +411,7 @@ fn a_report_is_written_as_files() {
     }
     let analysis = read(&root);
     let out = root.path().join("report");
-    export::write(&analysis, &out).expect("the folder is writable");
+    export::write(&analysis, &out, "cpp-rl compare").expect("the folder is writable");
     let text = |name: &str| fs::read_to_string(out.join(name)).expect("the file is there");
     let json: Value = serde_json::from_str(&text("report.json")).expect("JSON");
     assert_eq!(json["arms"][0]["matrix"]["rows"][0]["after"], Value::Null);

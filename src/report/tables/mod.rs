@@ -6,6 +6,8 @@ mod plasticity_loss;
 mod returns;
 
 use super::analysis::{Analysis, Arm, Protocol};
+use super::names::{file_name, make_unique};
+use super::topic::Topic;
 use super::{Cell, Table};
 
 /// A table and what its file is called.
@@ -13,6 +15,8 @@ use super::{Cell, Table};
 pub struct NamedTable {
     /// The file's name without extension.
     pub name: String,
+    /// Where it belongs.
+    pub topic: Topic,
     /// The table.
     pub table: Table,
 }
@@ -20,28 +24,34 @@ pub struct NamedTable {
 /// Every table that has rows.
 pub fn all(analysis: &Analysis) -> Vec<NamedTable> {
     let mut tables = vec![
-        named("planners", returns::planners(analysis)),
-        named("right-after-training", returns::right_after(analysis)),
-        named("aggregates", overview::aggregates(analysis)),
-        named("optimality-gap", overview::optimality_gap(analysis)),
-        named("probability-of-improvement", overview::improvement(analysis)),
+        named("planners", Topic::Levels, returns::planners(analysis)),
+        named("right-after-training", Topic::Returns, returns::right_after(analysis)),
+        named("aggregates", Topic::Returns, overview::aggregates(analysis)),
+        named("optimality-gap", Topic::Returns, overview::optimality_gap(analysis)),
+        named("probability-of-improvement", Topic::Returns, overview::improvement(analysis)),
     ];
     let curricula = || analysis.arms.iter().filter(|arm| arm.protocol == Protocol::Curriculum);
     for level in returns::stage_levels(analysis) {
         let name = format!("after-level-{}", file_name(&analysis.levels[level].name));
-        tables.push(named(&name, returns::after_stage(analysis, level)));
+        tables.push(named(&name, Topic::Matrix, returns::after_stage(analysis, level)));
     }
     for (arm, matrix) in curricula().filter_map(|arm| Some((arm, arm.matrix.as_ref()?))) {
-        tables.push(named(&format!("matrix-{}", file_name(&arm.name)), returns::matrix(analysis, arm, matrix)));
+        tables.push(named(&matrix_name(arm), Topic::Matrix, returns::matrix(analysis, arm, matrix)));
     }
-    tables.push(named("continual-learning", continual::measures(analysis)));
-    tables.push(named("forgetting", continual::forgetting(analysis)));
-    tables.push(named("against-afresh", plasticity_loss::curves(analysis)));
-    tables.push(named("time-to-threshold", plasticity_loss::times(analysis)));
-    tables.push(named("settings", overview::settings(analysis)));
-    tables.push(named("missing", overview::missing(analysis)));
+    tables.push(named("continual-learning", Topic::Continual, continual::measures(analysis)));
+    tables.push(named("forgetting", Topic::Continual, continual::forgetting(analysis)));
+    tables.push(named("against-afresh", Topic::AgainstAfresh, plasticity_loss::curves(analysis)));
+    tables.push(named("time-to-threshold", Topic::AgainstAfresh, plasticity_loss::times(analysis)));
+    tables.push(named("settings", Topic::Settings, overview::settings(analysis)));
+    tables.push(named("missing", Topic::Missing, overview::missing(analysis)));
     tables.retain(|named| !named.table.rows.is_empty());
+    make_unique(tables.iter_mut().map(|named| &mut named.name));
     tables
+}
+
+/// What the table of an arm's matrix is called.
+pub(super) fn matrix_name(arm: &Arm) -> String {
+    format!("matrix-{}", file_name(&arm.name))
 }
 
 /// The tables that a terminal gets: what each arm earns, what it forgets, whether it learns worse than afresh, and in
@@ -53,14 +63,8 @@ pub fn main(analysis: &Analysis) -> Vec<Table> {
     all(analysis).into_iter().filter(is_main).map(|named| named.table).collect()
 }
 
-fn named(name: &str, table: Table) -> NamedTable {
-    NamedTable { name: name.to_owned(), table }
-}
-
-/// A name as part of a file's name.
-fn file_name(name: &str) -> String {
-    let keep = |c: char| if c.is_alphanumeric() || "-_.=".contains(c) { c } else { '_' };
-    name.chars().map(keep).collect()
+fn named(name: &str, topic: Topic, table: Table) -> NamedTable {
+    NamedTable { name: name.to_owned(), topic, table }
 }
 
 /// A table's head from a few fixed columns and one per level.

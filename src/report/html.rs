@@ -1,0 +1,230 @@
+//! The report as one page.
+
+use charts::html::{Block, Column, Figure, Page, Section, Span, Table as HtmlTable, Text};
+
+use super::analysis::{Analysis, Arm, Protocol};
+use super::figures::NamedFigure;
+use super::tables::NamedTable;
+use super::topic::Topic;
+use super::{Cell, Table};
+use crate::run::manifest::{Status, Versions};
+
+/// Warnings that stand at the top; more of them stand with what is missing.
+const MOST_AT_THE_TOP: usize = 6;
+
+/// Measures in short, and where the whole definition stands in `metrics.md`.
+const DEFINITIONS: [(&str, &str, &str); 13] = [
+    (
+        "normalised return",
+        "(R + max_steps) / (R_opt + max_steps): 0 is the worst return there is, 1 the proved mean optimum over all start \
+         cells",
+        "normalised-return",
+    ),
+    (
+        "interval",
+        "95%, percentile bootstrap over seeds, level by level; of curves at each point by itself; one seed has none",
+        "intervals",
+    ),
+    ("IQM", "interquartile mean: the mean of the middle half of all runs", "over-seeds-and-levels-agarwal-et-al-2021"),
+    ("optimality gap", "mean of 1 − min(normalised return, 1)", "over-seeds-and-levels-agarwal-et-al-2021"),
+    (
+        "probability of improvement",
+        "share of pairs of a run of X and a run of Y on the same level in which X earns more, ties half, averaged over \
+         levels",
+        "over-seeds-and-levels-agarwal-et-al-2021",
+    ),
+    ("average performance", "mean normalised return on all levels at the end", "continual-learning"),
+    (
+        "backward transfer, forgetting",
+        "change of the return on a level from the end of its own stage to the end of all: its mean over all levels but the \
+         last, and what is lost of every level",
+        "continual-learning",
+    ),
+    (
+        "forward transfer",
+        "return on a level right before training on it, minus the untrained model's",
+        "continual-learning",
+    ),
+    (
+        "isolated forgetting, zero-shot transfer",
+        "what one stage takes from an earlier level, and gives to a later one",
+        "continual-learning",
+    ),
+    (
+        "area",
+        "area under the normalised learning curve of a stage, per timestep; transfer by areas is (A − A_afresh) / \
+         (1 − A_afresh)",
+        "the-curriculum-against-afresh",
+    ),
+    (
+        "time to threshold",
+        "timesteps until the learning curve first reaches a normalised return; a seed that never does is censored, not \
+         dropped",
+        "the-curriculum-against-afresh",
+    ),
+    (
+        "dormant, dead and saturated units",
+        "mean |h| at most τ times the layer's average; 0 on every state; |h| > 0.99 on every state",
+        "plasticity",
+    ),
+    (
+        "effective rank, stable rank, singular values for 99%",
+        "exp of the entropy of the singular values; ‖h‖²_F / ‖h‖²₂; how many make up 99% of their sum",
+        "plasticity",
+    ),
+];
+
+/// The whole report.
+pub(super) fn page(analysis: &Analysis, figures: &[NamedFigure], tables: &[NamedTable], command: &str) -> Page {
+    let mut sections: Vec<Section> =
+        Topic::ALL.iter().map(|&topic| section(analysis, topic, figures, tables)).collect();
+    sections.push(definitions());
+    Page { title: "Comparison of runs".to_owned(), introduction: introduction(analysis, command), sections }
+}
+
+fn plain(text: impl Into<String>) -> Span {
+    Span::Plain(text.into())
+}
+
+fn code(text: impl Into<String>) -> Span {
+    Span::Code(text.into())
+}
+
+fn link(text: impl Into<String>, href: impl Into<String>) -> Span {
+    Span::Link { text: text.into(), href: href.into() }
+}
+
+fn count(number: usize, one: &str, several: &str) -> String {
+    if number == 1 { format!("1 {one}") } else { format!("{number} {several}") }
+}
+
+fn introduction(analysis: &Analysis, command: &str) -> Vec<Block> {
+    let levels: Vec<&str> = analysis.levels.iter().map(|level| level.name.as_str()).collect();
+    let summary = format!(
+        "{} in {} on {}: {}.",
+        count(analysis.runs.len(), "run", "runs"),
+        count(analysis.arms.len(), "arm", "arms"),
+        count(levels.len(), "level", "levels"),
+        levels.join(", ")
+    );
+    let Versions { cpp_rl, git, libtorch } = Versions::here();
+    let made = Text(vec![
+        plain("Made by "),
+        code(command),
+        plain(format!(" with cpp-rl {cpp_rl} (commit {git}, libtorch {libtorch}). All numbers are in ")),
+        link("report.json", "report.json"),
+        plain(", all tables in "),
+        link("tables.md", "tables.md"),
+        plain(" and, for LaTeX, "),
+        link("tables.tex", "tables.tex"),
+        plain("; every measure is defined in "),
+        link("metrics.md", "metrics.md"),
+        plain("."),
+    ]);
+    let mut blocks = vec![Block::from(summary.as_str()), Block::Table(arms(analysis)), Block::Paragraph(made)];
+    let (warnings, missing) = (&analysis.warnings, analysis.missing.len());
+    if warnings.len() <= MOST_AT_THE_TOP {
+        blocks.extend(warnings.iter().map(|warning| Block::Warning(warning.as_str().into())));
+    }
+    if missing > 0 || warnings.len() > MOST_AT_THE_TOP {
+        let results = count(missing, "run lacks", "runs lack");
+        let text = format!("{results} results, and {}: see ", count(warnings.len(), "warning", "warnings"));
+        let heading = Topic::Missing.heading();
+        blocks.push(Block::Warning(Text(vec![plain(text), link(heading, anchor(heading)), plain(".")])));
+    }
+    blocks
+}
+
+/// The link to a section.
+fn anchor(heading: &str) -> String {
+    format!("#{}", heading.to_lowercase().replace(' ', "-"))
+}
+
+/// The arms and how far their runs are.
+fn arms(analysis: &Analysis) -> HtmlTable {
+    let row = |(index, arm): (usize, &Arm)| {
+        let runs = || analysis.runs.iter().filter(|run| run.arm == index);
+        let with = |is: fn(&Status) -> bool| runs().filter(|run| is(&run.status)).count().to_string();
+        let levels = arm.stages.iter().map(|stage| analysis.levels[stage.level].name.as_str()).collect::<Vec<_>>();
+        let how = match arm.protocol {
+            Protocol::Curriculum => "one after another",
+            Protocol::Afresh => "each afresh",
+        };
+        vec![
+            arm.name.clone(),
+            how.to_owned(),
+            levels.join(", "),
+            seeds(&arm.seeds),
+            runs().count().to_string(),
+            with(|status| *status == Status::Finished),
+            with(|status| *status == Status::Running),
+            with(|status| matches!(status, Status::Failed(_))),
+        ]
+    };
+    let texts = ["arm", "trained", "levels", "seeds"].map(Column::text);
+    let numbers = ["runs", "finished", "unfinished", "failed"].map(Column::numeric);
+    HtmlTable {
+        caption: Text::default(),
+        columns: texts.into_iter().chain(numbers).collect(),
+        rows: analysis.arms.iter().enumerate().map(row).collect(),
+    }
+}
+
+/// Seeds in short: "0–4, 7".
+fn seeds(seeds: &[u64]) -> String {
+    let run = |run: &[u64]| match run {
+        [first, .., last] => format!("{first}–{last}"),
+        _ => run.iter().map(u64::to_string).collect(),
+    };
+    seeds.chunk_by(|a, b| a + 1 == *b).map(run).collect::<Vec<_>>().join(", ")
+}
+
+fn section(analysis: &Analysis, topic: Topic, figures: &[NamedFigure], tables: &[NamedTable]) -> Section {
+    let figures = figures.iter().filter(|figure| figure.topic == topic).map(|f| Block::Figure(figure(f, tables)));
+    let shown = tables.iter().filter(|table| table.topic == topic).flat_map(|named| table(&named.table));
+    let mut blocks: Vec<Block> = figures.chain(shown).collect();
+    if blocks.is_empty() {
+        blocks.push(topic.absence().into());
+    } else if !topic.lead().is_empty() {
+        blocks.insert(0, topic.lead().into());
+    }
+    if topic == Topic::Missing && analysis.warnings.len() > MOST_AT_THE_TOP {
+        blocks.push(Block::List(analysis.warnings.iter().map(|warning| warning.as_str().into()).collect()));
+    }
+    Section::new(topic.heading(), blocks)
+}
+
+fn figure(named: &NamedFigure, tables: &[NamedTable]) -> Figure {
+    let NamedFigure { name, caption, drawing, .. } = named;
+    let drawn = ["SVG", "PNG"].map(|kind| (kind.to_owned(), format!("figures/{name}.{}", kind.to_lowercase())));
+    let exists = |name: &&String| tables.iter().any(|table| table.name == **name);
+    let numbers = named.tables.iter().filter(exists).map(|name| (format!("{name}.csv"), format!("tables/{name}.csv")));
+    Figure { files: drawn.into_iter().chain(numbers).collect(), ..Figure::new(drawing.clone(), caption.as_str()) }
+}
+
+/// A table and the notes below it.
+fn table(table: &Table) -> Vec<Block> {
+    let is_numeric = |column: usize| table.rows.iter().any(|row| !matches!(row[column], Cell::Text(_) | Cell::Missing));
+    let column = |(place, heading): (usize, &String)| Column { heading: heading.clone(), numeric: is_numeric(place) };
+    let shown = |cell: &Cell| cell.shown(" ± ").replace('-', "−");
+    let cell = |cell: &Cell| if let Cell::Text(text) = cell { text.clone() } else { shown(cell) };
+    let content = HtmlTable {
+        caption: table.title.as_str().into(),
+        columns: table.columns.iter().enumerate().map(column).collect(),
+        rows: table.rows.iter().map(|row| row.iter().map(cell).collect()).collect(),
+    };
+    let notes = table.notes.join(" ");
+    let mut blocks = vec![Block::Table(content)];
+    if !notes.is_empty() {
+        blocks.push(notes.as_str().into());
+    }
+    blocks
+}
+
+fn definitions() -> Section {
+    let definition = |&(name, meaning, place): &(&str, &str, &str)| {
+        let href = format!("metrics.md#{place}");
+        Text(vec![Span::Strong(name.to_owned()), plain(format!(": {meaning} (")), link("in full", href), plain(").")])
+    };
+    Section::new("Definitions", vec![Block::List(DEFINITIONS.iter().map(definition).collect())])
+}
