@@ -10,7 +10,7 @@ use super::{Cell, Table};
 use crate::run::manifest::{Status, Versions};
 
 /// Warnings that stand at the top; more of them stand with what is missing.
-const MOST_AT_THE_TOP: usize = 6;
+const MOST_AT_THE_TOP: usize = 10;
 
 /// Measures in short, and where the whole definition stands in `metrics.md`.
 const DEFINITIONS: [(&str, &str, &str); 13] = [
@@ -127,8 +127,11 @@ fn introduction(analysis: &Analysis, command: &str) -> Vec<Block> {
         blocks.extend(warnings.iter().map(|warning| Block::Warning(warning.as_str().into())));
     }
     if missing > 0 || warnings.len() > MOST_AT_THE_TOP {
-        let results = count(missing, "run lacks", "runs lack");
-        let text = format!("{results} results, and {}: see ", count(warnings.len(), "warning", "warnings"));
+        let mut text = count(missing, "run lacks results", "runs lack results");
+        if warnings.len() > MOST_AT_THE_TOP {
+            text += &format!(", and there are {} warnings", warnings.len());
+        }
+        text += ": see ";
         let heading = Topic::Missing.heading();
         blocks.push(Block::Warning(Text(vec![plain(text), link(heading, anchor(heading)), plain(".")])));
     }

@@ -27,7 +27,7 @@ mod tests {
     #[test]
     fn names_are_short_and_differ() {
         let arm = format!("ppo [{}]", "learning_rate=0.001, ".repeat(20));
-        let mut names = vec![file_name(&arm), file_name(&format!("{arm}, gamma=1")), file_name("a/b (c)")];
+        let mut names = [file_name(&arm), file_name(&format!("{arm}, gamma=1")), file_name("a/b (c)")];
         assert_eq!(names[0].chars().count(), LONGEST);
         make_unique(names.iter_mut());
         assert_eq!(names[1], format!("{}-2", names[0]));

@@ -83,7 +83,7 @@ impl Topic {
     }
 
     /// What is said where it has neither figure nor table.
-    pub(super) fn absence(self) -> &'static str {
+    pub fn absence(self) -> &'static str {
         match self {
             Self::Levels => "No level can be read.",
             Self::Learning => "No run has a learning curve.",

@@ -23,7 +23,7 @@ const TIMESTEPS: u64 = 1000;
 
 /// How an agent does in an evaluation.
 #[derive(Clone, Copy, PartialEq)]
-enum Skill {
+pub(crate) enum Skill {
     /// As well as can be, from every start.
     Perfect,
     /// Not at all.
@@ -32,19 +32,19 @@ enum Skill {
 
 /// A run to be written.
 #[derive(Clone, Copy)]
-struct Fake {
-    arm: &'static str,
-    seed: u64,
-    levels: &'static [&'static str],
-    afresh: bool,
-    stages_done: u16,
+pub(crate) struct Fake {
+    pub(crate) arm: &'static str,
+    pub(crate) seed: u64,
+    pub(crate) levels: &'static [&'static str],
+    pub(crate) afresh: bool,
+    pub(crate) stages_done: u16,
     /// In the evaluation after a stage (none: before the first) on a level, both by number.
-    skill: fn(Option<usize>, usize) -> Skill,
+    pub(crate) skill: fn(Option<usize>, usize) -> Skill,
     /// The normalised moving return at a share of a stage, given its level's name.
-    curve: fn(&str, f64) -> f64,
+    pub(crate) curve: fn(&str, f64) -> f64,
 }
 
-const CURRICULUM: Fake = Fake {
+pub(crate) const CURRICULUM: Fake = Fake {
     arm: "ppo",
     seed: 0,
     levels: &["a", "b"],
@@ -55,7 +55,7 @@ const CURRICULUM: Fake = Fake {
     curve: |_, share| share,
 };
 
-const AFRESH_B: Fake = Fake {
+pub(crate) const AFRESH_B: Fake = Fake {
     levels: &["b"],
     afresh: true,
     stages_done: 1,
@@ -80,7 +80,7 @@ impl Fake {
         root.join(self.arm).join(folder).join(format!("seed-{}", self.seed))
     }
 
-    fn write(&self, root: &Path) -> PathBuf {
+    pub(crate) fn write(&self, root: &Path) -> PathBuf {
         let path = self.path(root);
         fs::create_dir_all(&path).expect("a folder");
         let stage = |level: &&str| StageEntry {
@@ -105,6 +105,7 @@ impl Fake {
             dose: Value::Null,
             kernel: "fused".to_owned(),
             device: "cpu".to_owned(),
+            plasticity_interval: 0,
             versions: Versions { cpp_rl: String::new(), git: String::new(), libtorch: String::new() },
             host: Host { name: String::new(), platform: String::new(), cores: 1 },
             command: Vec::new(),

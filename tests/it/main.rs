@@ -15,6 +15,7 @@ mod messages;
 mod numbers;
 mod plasticity;
 mod replay;
+mod report;
 mod results;
 mod resume;
 mod runs;

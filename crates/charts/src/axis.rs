@@ -101,7 +101,11 @@ impl Scale {
         let room = padding * (high - low);
         // Ticks of a range below the values' own precision would all be equal.
         if high - low <= 1e-9 * low.abs().max(high.abs()) {
-            let room = if low == 0.0 { 1.0 } else { 0.1 * low.abs() };
+            // What is 0 throughout, a share or a count, is no less.
+            if low == 0.0 {
+                return Some(Self { low: -padding, high: 1.0 + padding });
+            }
+            let room = 0.1 * low.abs();
             return Some(Self { low: low - room, high: high + room });
         }
         Some(Self { low: low - room, high: high + room })
@@ -191,7 +195,7 @@ mod tests {
         let constant = Scale::fit([45.0; 3].into_iter(), &axis, 0.05).unwrap();
         assert!(constant.low < 45.0 && constant.high > 45.0);
         let zero = Scale::fit([0.0].into_iter(), &axis, 0.05).unwrap();
-        assert_eq!((zero.low, zero.high), (-1.0, 1.0));
+        assert_eq!((zero.low, zero.high), (-0.05, 1.05));
         let fixed = Axis { range: Some((0.0, 1.0)), ..axis };
         assert_eq!(Scale::fit([0.4].into_iter(), &fixed, 0.05), Some(Scale { low: 0.0, high: 1.0 }));
     }

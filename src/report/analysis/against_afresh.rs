@@ -25,6 +25,8 @@ pub struct AgainstAfresh {
     pub area_transfer: Option<OverSeeds>,
     /// Mean over levels of the difference of areas, of seeds that have them all.
     pub area_difference: Option<OverSeeds>,
+    /// The same of final returns.
+    pub final_difference: Option<OverSeeds>,
 }
 
 /// One level in the curriculum and afresh.
@@ -106,25 +108,33 @@ impl AgainstAfresh {
             Some(LevelContrast::new(a.as_ref()?, b.as_ref()?, bootstrap))
         };
         let levels: Vec<Option<LevelContrast>> = arm.levels.iter().zip(&other.levels).map(level).collect();
-        let over_levels = |of: fn(f64, f64) -> Option<f64>| OverSeeds::new(means_over_levels(&levels, of), bootstrap);
+        let over_levels = |measure: fn(&LevelContrast) -> Option<&Paired>, of: fn(f64, f64) -> Option<f64>| {
+            OverSeeds::new(means_over_levels(&levels, measure, of), bootstrap)
+        };
+        let difference = |a, b| Some(a - b);
         Self {
             curriculum,
             afresh,
-            area_transfer: over_levels(area_transfer),
-            area_difference: over_levels(|a, b| Some(a - b)),
+            area_transfer: over_levels(|level| level.area.as_ref(), area_transfer),
+            area_difference: over_levels(|level| level.area.as_ref(), difference),
+            final_difference: over_levels(|level| level.final_return.as_ref(), difference),
             levels,
         }
     }
 }
 
-/// The mean over levels of a comparison of areas, of the seeds that have it on every level compared.
-fn means_over_levels(levels: &[Option<LevelContrast>], of: fn(f64, f64) -> Option<f64>) -> BTreeMap<u64, f64> {
-    let areas: Vec<&BTreeMap<u64, (f64, f64)>> =
-        levels.iter().flatten().filter_map(|level| level.area.as_ref()).map(|area| &area.pairs).collect();
-    let Some(first) = areas.first() else { return BTreeMap::new() };
+/// The mean over levels of a comparison of one measure, of the seeds that have it on every level compared.
+fn means_over_levels(
+    levels: &[Option<LevelContrast>],
+    measure: fn(&LevelContrast) -> Option<&Paired>,
+    of: fn(f64, f64) -> Option<f64>,
+) -> BTreeMap<u64, f64> {
+    let by_level: Vec<&BTreeMap<u64, (f64, f64)>> =
+        levels.iter().flatten().filter_map(measure).map(|paired| &paired.pairs).collect();
+    let Some(first) = by_level.first() else { return BTreeMap::new() };
     let of_seed = |&seed: &u64| {
         let level = |pairs: &&BTreeMap<u64, (f64, f64)>| pairs.get(&seed).and_then(|&(a, b)| of(a, b));
-        let all = areas.iter().map(level).collect::<Option<Vec<f64>>>()?;
+        let all = by_level.iter().map(level).collect::<Option<Vec<f64>>>()?;
         Some((seed, mean_std(&all).0))
     };
     first.keys().filter_map(of_seed).collect()

@@ -1,10 +1,11 @@
 //! Measures of continual learning, and the curriculum against afresh: the measured loss of plasticity.
 
 use charts::{About, Axis, IntervalChart, IntervalPanel, IntervalSeries, Layout, Reference, Width};
+use rl_stats::Time;
 
 use super::super::analysis::{AgainstAfresh, Analysis, Continual, LevelContrast, OverSeeds, Paired, PairedTimes};
 use super::super::topic::Topic;
-use super::{NamedFigure, afresh_of, caption, level_label, point, style};
+use super::{NamedFigure, caption, level_label, point, style};
 
 pub(super) fn figures(analysis: &Analysis) -> Vec<NamedFigure> {
     let mut figures: Vec<NamedFigure> = [measures(analysis), forgetting(analysis)].into_iter().flatten().collect();
@@ -53,17 +54,12 @@ fn measures(analysis: &Analysis) -> Option<NamedFigure> {
         title: title.to_owned(),
         categories: vec![String::new()],
         series,
-        references: vec![Reference::across("0", 0.0)],
+        references: vec![Reference::across("no effect", 0.0)],
     };
-    let mut panels: Vec<IntervalPanel> = MEASURES
-        .iter()
-        .map(|(title, of)| panel(title, arms.iter().map(|&(index, m)| series(index, of(m).as_ref())).collect()))
-        .collect();
-    let area_transfer = |index: usize| afresh_of(analysis, index).and_then(|against| against.area_transfer.as_ref());
-    if indices.iter().any(|&index| area_transfer(index).is_some()) {
-        let all = indices.iter().map(|&index| series(index, area_transfer(index))).collect();
-        panels.push(panel("transfer by areas", all));
-    }
+    let panels = MEASURES.iter().map(|(title, of)| {
+        panel(title, arms.iter().map(|&(index, measures)| series(index, of(measures).as_ref())).collect())
+    });
+    let panels = panels.collect();
     (!arms.is_empty()).then(|| NamedFigure {
         name: "continual-learning".to_owned(),
         topic: Topic::Continual,
@@ -76,7 +72,7 @@ fn measures(analysis: &Analysis) -> Option<NamedFigure> {
         ),
         drawing: IntervalChart {
             about: About::new("Continual learning", "Average performance, transfer and forgetting of each arm."),
-            layout: Layout { width: Width::Page, columns: 4, panel_height: 95.0 },
+            layout: Layout { width: Width::Page, columns: 3, panel_height: 95.0 },
             values: Axis::new("normalised return"),
             panels,
             ..IntervalChart::default()
@@ -112,7 +108,7 @@ fn forgetting(analysis: &Analysis) -> Option<NamedFigure> {
             panels: vec![IntervalPanel {
                 categories: (0..analysis.levels.len()).map(|level| level_label(analysis, level)).collect(),
                 series: arms.iter().map(series).collect(),
-                references: vec![Reference::across("0", 0.0)],
+                references: vec![Reference::across("nothing forgotten", 0.0)],
                 ..IntervalPanel::default()
             }],
             ..IntervalChart::default()
@@ -130,33 +126,36 @@ fn contrasts(analysis: &Analysis) -> (Vec<&AgainstAfresh>, Vec<usize>) {
     (all, arms)
 }
 
-/// A panel with a series per arm and a category per level, and one more if `over_levels` says something of all levels.
+/// A panel with a series per arm and a category per level, and one for all levels where `over_levels` has something.
 fn by_level(
     analysis: &Analysis,
     title: &str,
     of: impl Fn(&LevelContrast) -> Option<charts::Estimate>,
-    over_levels: Option<fn(&AgainstAfresh) -> Option<charts::Estimate>>,
+    over_levels: impl Fn(&AgainstAfresh) -> Option<&OverSeeds>,
     reference: Reference,
 ) -> IntervalPanel {
-    let mut categories: Vec<String> = (0..analysis.levels.len()).map(|level| level_label(analysis, level)).collect();
-    categories.push("mean over levels".to_owned());
+    let all = contrasts(analysis).0;
+    let has_mean = all.iter().any(|against| over_levels(against).is_some());
+    let levels = (0..analysis.levels.len()).map(|level| level_label(analysis, level));
+    let mean = has_mean.then(|| "mean over levels".to_owned());
     let series = |against: &&AgainstAfresh| {
         let levels = against.levels.iter().map(|level| level.as_ref().and_then(&of));
-        let mean = over_levels.map(|over_levels| over_levels(against));
+        let mean = has_mean.then(|| over_levels(against).map(over_seeds));
         IntervalSeries {
             name: analysis.arms[against.curriculum].name.clone(),
             style: style(analysis, against.curriculum),
             estimates: levels.chain(mean).collect(),
         }
     };
-    if over_levels.is_none() {
-        categories.pop();
+    IntervalPanel {
+        title: title.to_owned(),
+        categories: levels.chain(mean).collect(),
+        series: all.iter().map(series).collect(),
+        references: vec![reference],
     }
-    let series = contrasts(analysis).0.iter().map(series).collect();
-    IntervalPanel { title: title.to_owned(), categories, series, references: vec![reference] }
 }
 
-/// The differences of areas and of final returns.
+/// The differences of areas and of final returns, and transfer by areas.
 fn differences(analysis: &Analysis) -> Option<NamedFigure> {
     fn paired(paired: &Paired) -> charts::Estimate {
         let differences: Vec<f64> = paired.pairs.values().map(|(curriculum, afresh)| curriculum - afresh).collect();
@@ -164,18 +163,37 @@ fn differences(analysis: &Analysis) -> Option<NamedFigure> {
     }
     let (all, arms) = contrasts(analysis);
     let zero = || Reference::across("no difference", 0.0);
-    let area: fn(&AgainstAfresh) -> Option<charts::Estimate> = |a| a.area_difference.as_ref().map(over_seeds);
-    let areas =
-        by_level(analysis, "area under the learning curve", |l| l.area.as_ref().map(paired), Some(area), zero());
-    let finals = by_level(analysis, "final return, greedy", |l| l.final_return.as_ref().map(paired), None, zero());
+    let panels = vec![
+        by_level(
+            analysis,
+            "area under the learning curve: curriculum − afresh",
+            |level| level.area.as_ref().map(paired),
+            |against| against.area_difference.as_ref(),
+            zero(),
+        ),
+        by_level(
+            analysis,
+            "final return, greedy: curriculum − afresh",
+            |level| level.final_return.as_ref().map(paired),
+            |against| against.final_difference.as_ref(),
+            zero(),
+        ),
+        by_level(
+            analysis,
+            "transfer by areas: the difference as a share of what is left above the area afresh",
+            |level| level.area_transfer.as_ref().map(|transfer| point(transfer, [])),
+            |against| against.area_transfer.as_ref(),
+            zero(),
+        ),
+    ];
     let unpaired: usize = all.iter().flat_map(|a| &a.levels).flatten().map(|level| level.unpaired.len()).sum();
     (!all.is_empty()).then(|| NamedFigure {
         name: "plasticity-loss".to_owned(),
         topic: Topic::AgainstAfresh,
         caption: caption::join([
-            "Curriculum minus afresh, paired by seed, of normalised returns: below 0 the level is learned worse with a past \
-             than without one, the nearest thing to a measured loss of plasticity. Read it with the share of start cells \
-             that is solved afresh: a level that is not learned afresh either shows no loss."
+            "Curriculum against afresh, paired by seed, of normalised returns: below 0 the level is learned worse with a \
+             past than without one, the nearest thing to a measured loss of plasticity. A level that is not learned afresh \
+             either shows no loss; on the first, nobody has a past."
                 .to_owned(),
             "Marks: means over pairs; dots: single pairs.".to_owned(),
             caption::intervals(analysis, &arms),
@@ -183,14 +201,15 @@ fn differences(analysis: &Analysis) -> Option<NamedFigure> {
             caption::missing(analysis, &arms),
         ]),
         drawing: IntervalChart {
-            about: About::new("Curriculum minus afresh", "Differences of areas and of final returns, level by level."),
-            layout: Layout { width: Width::Page, columns: 1, panel_height: 105.0 },
-            values: Axis::new("curriculum − afresh"),
-            panels: vec![areas, finals],
+            about: About::new("Curriculum against afresh", "Areas and final returns compared, level by level."),
+            layout: Layout { width: Width::Page, columns: 1, panel_height: 95.0 },
+            values: Axis::new("normalised return"),
+            free_values: true,
+            panels,
             ..IntervalChart::default()
         }
         .draw(),
-        tables: vec!["against-afresh".to_owned()],
+        tables: vec!["against-afresh".to_owned(), "continual-learning".to_owned()],
     })
 }
 
@@ -200,8 +219,13 @@ fn sooner(analysis: &Analysis) -> Option<NamedFigure> {
     let times_of = |level: &'_ LevelContrast, place: usize| level.thresholds.get(place).cloned();
     let panel = |(place, threshold): (usize, &f64)| {
         let title = format!("normalised return of {threshold}");
-        let share = |level: &LevelContrast| times_of(level, place).map(|times| point(&times.sooner_share, []));
-        by_level(analysis, &title, share, None, Reference::across("as soon", 0.5))
+        let share = |level: &LevelContrast| {
+            let times = times_of(level, place)?;
+            // Where nobody ever gets there, nobody is as soon as the other.
+            let reached = times.pairs.values().any(|pair| *pair != (Time::Never, Time::Never));
+            reached.then(|| point(&times.sooner_share, []))
+        };
+        by_level(analysis, &title, share, |_| None, Reference::across("as soon", 0.5))
     };
     let panels: Vec<IntervalPanel> = analysis.conventions.thresholds.iter().enumerate().map(panel).collect();
     let censored = |(place, threshold): (usize, &f64)| {
@@ -224,7 +248,7 @@ fn sooner(analysis: &Analysis) -> Option<NamedFigure> {
         topic: Topic::AgainstAfresh,
         caption: caption::join([
             "Share of seeds whose learning curve reaches a threshold sooner in the curriculum than afresh; a tie counts \
-             half, as when both never get there."
+             half, as when both never get there. A dash: no seed does, with a past or without."
                 .to_owned(),
             never.join(" "),
             caption::intervals(analysis, &arms),
@@ -233,7 +257,7 @@ fn sooner(analysis: &Analysis) -> Option<NamedFigure> {
         drawing: IntervalChart {
             about: About::new("Sooner in the curriculum", "Share of seeds, level by level."),
             layout: Layout { width: Width::Page, columns: 1, panel_height: 80.0 },
-            values: Axis { range: Some((-0.03, 1.03)), ..Axis::new("share that is sooner") },
+            values: Axis { range: Some((-0.08, 1.08)), ..Axis::new("share that is sooner") },
             panels,
             ..IntervalChart::default()
         }

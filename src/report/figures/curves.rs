@@ -155,12 +155,16 @@ fn by_level(analysis: &Analysis, about: About, levels: &[usize], curves: impl Fn
         references: planners(&analysis.levels[level]),
         ..CurvePanel::default()
     };
+    let panels: Vec<CurvePanel> = levels.iter().map(panel).collect();
+    let ends = panels.iter().flat_map(|panel| &panel.curves).filter_map(|curve| curve.centre.last());
+    let longest = ends.map(|(timesteps, _)| *timesteps).fold(0.0, f64::max);
     CurveChart {
         about,
         layout: Layout { width: Width::Page, columns: 3, panel_height: 95.0 },
-        x: Axis::new("timesteps on the level"),
+        // Curves begin with the first row of a log, training at 0.
+        x: Axis { range: Some((0.0, longest)), ..Axis::new("timesteps on the level") },
         y: Axis::new(RETURN),
-        panels: levels.iter().map(panel).collect(),
+        panels,
         ..CurveChart::default()
     }
 }
@@ -202,8 +206,8 @@ fn against_afresh(analysis: &Analysis, against: &AgainstAfresh) -> Option<NamedF
     }
     let curves = |level: usize| {
         vec![
-            on_level(other, level, "afresh", AFRESH, Seeds::Shown),
             on_level(arm, level, &format!("{} in the curriculum", arm.name), style(analysis, curriculum), Seeds::Shown),
+            on_level(other, level, "afresh", AFRESH, Seeds::Shown),
         ]
     };
     let about = About::new(

@@ -13,7 +13,7 @@ use charts::{Drawing, Style};
 
 pub use maps::draw_levels;
 
-use super::analysis::{AgainstAfresh, Analysis, Arm, Protocol};
+use super::analysis::{Analysis, Arm, Protocol};
 use super::{names, topic::Topic};
 
 /// A figure, what its files are called, and what is said of it.
@@ -58,11 +58,6 @@ fn style(analysis: &Analysis, arm: usize) -> Style {
 /// Arms of a protocol, with their indices.
 fn arms_of(analysis: &Analysis, protocol: Protocol) -> Vec<(usize, &Arm)> {
     analysis.arms.iter().enumerate().filter(|(_, arm)| arm.protocol == protocol).collect()
-}
-
-/// The runs afresh of a curriculum.
-fn afresh_of(analysis: &Analysis, curriculum: usize) -> Option<&AgainstAfresh> {
-    analysis.against_afresh.iter().find(|against| against.curriculum == curriculum)
 }
 
 /// What an arm is called where the figure says already how it was trained.

@@ -124,7 +124,7 @@ fn improvement(analysis: &Analysis) -> Option<NamedFigure> {
             about: About::new("Probability of improvement", "Each two arms, right after training on each level."),
             layout: Layout { width: Width::Page, columns: panels.len(), panel_height: 60.0 },
             orientation: Orientation::Horizontal,
-            values: Axis { range: Some((0.0, 1.0)), ..Axis::new("probability of improvement") },
+            values: Axis { range: Some((-0.03, 1.03)), ..Axis::new("probability of improvement") },
             panels,
             ..IntervalChart::default()
         }

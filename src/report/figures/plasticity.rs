@@ -161,8 +161,7 @@ pub(super) fn figures(analysis: &Analysis) -> Vec<NamedFigure> {
 
 /// The arms that have logged plasticity as lines in their own styles, and a sentence on those that have not.
 fn logged<'a>(analysis: &Analysis, arms: &[(usize, &'a Arm)]) -> (Vec<usize>, Vec<Line<'a>>, String) {
-    let (with, without): (Vec<(usize, &Arm)>, Vec<(usize, &Arm)>) =
-        arms.iter().copied().partition(|(_, arm)| !arm.plasticity.is_empty());
+    let (with, without): (Vec<_>, Vec<_>) = arms.iter().copied().partition(|(_, arm)| !arm.plasticity.is_empty());
     let line = |&(index, arm): &(usize, &'a Arm)| Line {
         arm,
         name: short_name(arm),
@@ -219,8 +218,8 @@ fn against_afresh(analysis: &Analysis, against: &AgainstAfresh) -> Option<NamedF
     let timeline = Timeline::new(&[arm, other], &levels_of(arm));
     let name = format!("{} in the curriculum", arm.name);
     let lines = [
-        Line { arm: other, name: "afresh".to_owned(), style: AFRESH, layer: acting_layer(other) },
         Line { arm, name, style: style(analysis, against.curriculum), layer: acting_layer(arm) },
+        Line { arm: other, name: "afresh".to_owned(), style: AFRESH, layer: acting_layer(other) },
     ];
     let title = format!("{}: plasticity in the curriculum and afresh", arm.name);
     Some(NamedFigure {

@@ -1,0 +1,314 @@
+//! The files of a report, on runs that are written here: every figure drawn, nothing cut off, nothing silently left out.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::fs::{self, File};
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+use cpp_rl::report::analysis::Analysis;
+use cpp_rl::report::topic::Topic;
+use cpp_rl::report::{export, figures};
+use scraper::{Html, Selector};
+use tempfile::TempDir;
+
+use crate::analysis::{AFRESH_B, CURRICULUM, Fake, Skill};
+use crate::sandbox::Sandbox;
+
+const AFRESH_A: Fake = Fake { levels: &["a"], ..AFRESH_B };
+/// Columns of `plasticity.csv`: of all parameters, of a hidden layer of each network, and of an output layer.
+const MEASURES: [&str; 6] = [
+    "grad_norm",
+    "policy.0/dormant_0.1",
+    "policy.0/effective_rank",
+    "value.0/effective_rank",
+    "value.1/weight_magnitude",
+    "a_measure_to_come",
+];
+
+/// Runs, and the report made of them.
+struct Report {
+    root: TempDir,
+    analysis: Analysis,
+}
+
+impl Report {
+    fn new(runs: &[Fake]) -> Self {
+        Self::altered(runs, |_, _| ())
+    }
+
+    /// Of runs whose directories were altered after they were written.
+    fn altered(runs: &[Fake], alter: impl Fn(&Fake, &Path)) -> Self {
+        let root = TempDir::new().expect("a folder");
+        for run in runs {
+            alter(run, &run.write(&root.path().join("runs")));
+        }
+        let analysis = Analysis::read(&[root.path().join("runs")]).expect("runs that can be read");
+        let report = Self { root, analysis };
+        export::write(&report.analysis, &report.path(""), "cpp-rl compare runs").expect("the folder is writable");
+        report.check();
+        report
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.root.path().join("report").join(name)
+    }
+
+    fn html(&self) -> String {
+        fs::read_to_string(self.path("report.html")).expect("the page is there")
+    }
+
+    fn caption(&self, figure: &str) -> String {
+        let all = figures::all(&self.analysis);
+        all.iter().find(|named| named.name == figure).unwrap_or_else(|| panic!("no figure {figure}")).caption.clone()
+    }
+
+    fn names(&self) -> Vec<String> {
+        figures::all(&self.analysis).into_iter().map(|figure| figure.name).collect()
+    }
+
+    /// What holds of every report.
+    fn check(&self) {
+        let names = self.names();
+        let files = files(&self.path("figures"));
+        assert_eq!(files.len(), 2 * names.len(), "{files:?}");
+        for name in &names {
+            check_svg(&self.path(&format!("figures/{name}.svg")));
+            check_png(&self.path(&format!("figures/{name}.png")));
+        }
+        let document = Html::parse_document(&self.html());
+        assert!(document.errors.is_empty(), "{:?}", document.errors);
+        let select = |selector: &str| {
+            let selector = Selector::parse(selector).expect("a selector");
+            let elements = document.select(&selector);
+            elements
+                .map(|element| (element.text().collect::<String>(), element.value().attr("href")))
+                .collect::<Vec<_>>()
+        };
+        let headings: Vec<String> = select("h2").into_iter().map(|(text, _)| text).collect();
+        let expected: Vec<&str> = Topic::ALL.iter().map(|topic| topic.heading()).chain(["Definitions"]).collect();
+        assert_eq!(headings, expected);
+        assert_eq!(select("figure svg").len(), names.len());
+        assert_eq!(select("script, link, img, iframe").len(), 0, "nothing is loaded or run");
+        for (text, href) in select("a") {
+            let href = href.expect("a link leads somewhere");
+            match href.strip_prefix('#') {
+                Some(id) => assert_eq!(select(&format!("[id='{id}']")).len(), 1, "{text}: {href}"),
+                None => {
+                    let file = href.split('#').next().expect("a path");
+                    assert!(self.path(file).is_file(), "{text}: {href}");
+                }
+            }
+        }
+    }
+}
+
+/// Every file below a folder with its bytes.
+fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut all = BTreeMap::new();
+    for entry in fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        if path.is_dir() {
+            all.extend(files(&path));
+        } else {
+            all.insert(path.clone(), fs::read(&path).expect("a file"));
+        }
+    }
+    all
+}
+
+fn check_svg(path: &Path) {
+    let text = fs::read_to_string(path).expect("the drawing is there");
+    let document = roxmltree::Document::parse(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    assert_eq!(document.root_element().tag_name().name(), "svg");
+    assert!(document.descendants().any(|node| node.has_tag_name("desc")));
+    for node in document.descendants().flat_map(|node| node.attributes().collect::<Vec<_>>()) {
+        assert!(!["NaN", "inf"].iter().any(|text| node.value().contains(text)), "{}: {node:?}", path.display());
+    }
+}
+
+fn check_png(path: &Path) {
+    let file = BufReader::new(File::open(path).expect("the image is there"));
+    let mut reader = png::Decoder::new(file).read_info().expect("a PNG");
+    let mut pixels = vec![0; reader.output_buffer_size().expect("an image that fits memory")];
+    reader.next_frame(&mut pixels).expect("a whole image");
+    assert!(reader.info().width > 900, "{}: {} pixels wide", path.display(), reader.info().width);
+    assert!(pixels.chunks(4).any(|pixel| pixel != &pixels[..4]), "{} is empty", path.display());
+}
+
+/// Writes a log of every measure, one row per quarter of a stage; the second value of each column is NaN.
+fn log_plasticity(run: &Fake, path: &Path) {
+    let mut text = "stage,level,timesteps,cumulative_timesteps".to_owned();
+    MEASURES.iter().for_each(|name| write!(text, ",plasticity/{name}").expect("memory"));
+    for (stage, level) in run.levels.iter().enumerate() {
+        for quarter in 1..=4 {
+            let cumulative = 1000 * stage + 250 * quarter;
+            write!(text, "\n{stage},{level},{},{cumulative}", 250 * quarter).expect("memory");
+            for measure in 0..MEASURES.len() {
+                let value = (measure + quarter) as f64 + run.seed as f64 / 8.0;
+                let value = if quarter == 2 { f64::NAN } else { value };
+                write!(text, ",{value}").expect("memory");
+            }
+        }
+    }
+    fs::write(path.join("plasticity.csv"), text + "\n").expect("the folder is writable");
+}
+
+/// Each of these runs with so many seeds.
+fn with_seeds(runs: &[Fake], seeds: u64) -> Vec<Fake> {
+    runs.iter().flat_map(|&run| (0..seeds).map(move |seed| Fake { seed, ..run })).collect()
+}
+
+#[test]
+fn thirty_seeds_of_two_arms_have_every_figure() {
+    let dqn = Fake { arm: "dqn", skill: |_, _| Skill::Lost, curve: |_, share| share / 4.0, ..CURRICULUM };
+    let report = Report::altered(&with_seeds(&[CURRICULUM, AFRESH_A, AFRESH_B, dqn], 30), log_plasticity);
+    let expected = [
+        "levels",
+        "learning-curve-dqn",
+        "learning-curve-ppo",
+        "learning-curves",
+        "learning-curves-afresh",
+        "against-afresh-ppo",
+        "returns",
+        "probability-of-improvement",
+        "matrices",
+        "continual-learning",
+        "forgetting",
+        "plasticity-loss",
+        "time-to-threshold",
+        "plasticity",
+        "plasticity-value.0",
+        "plasticity-weights",
+        "plasticity-against-afresh-ppo",
+    ];
+    assert_eq!(report.names(), expected);
+    let caption = report.caption("learning-curves");
+    assert!(caption.contains("30 seeds per arm. Bands: 95% bootstrap intervals"), "{caption}");
+    let svg = |name: &str| fs::read_to_string(report.path(&format!("figures/{name}.svg"))).expect("the drawing");
+    for text in ["gradient norm before clipping", "a_measure_to_come", "dormant units"] {
+        assert!(svg("plasticity").contains(text), "{text}");
+    }
+    // Thin lines, one per seed and stage.
+    assert!(svg("learning-curve-ppo").matches("opacity=\"0.35\"").count() >= 60);
+    let html = report.html();
+    assert!(html.contains("120 runs in 3 arms on 2 levels: a, b."), "the summary");
+    assert!(html.contains("Nothing is missing.") && html.contains("<code>cpp-rl compare runs</code>"));
+}
+
+#[test]
+fn one_seed_has_no_band_and_says_so() {
+    let report = Report::new(&[CURRICULUM, AFRESH_B]);
+    for figure in ["learning-curve-ppo", "against-afresh-ppo"] {
+        assert!(report.caption(figure).contains("One seed has no band."), "{}", report.caption(figure));
+        let svg = fs::read_to_string(report.path(&format!("figures/{figure}.svg"))).expect("the drawing");
+        assert!(!svg.contains("opacity=\"0.2\""), "{figure} has a band");
+    }
+    assert!(report.caption("plasticity-loss").contains("One seed has no interval."));
+    assert!(report.html().contains("No run has logged plasticity."));
+}
+
+#[test]
+fn what_is_missing_is_said() {
+    // Level a was trained afresh with one seed of two, and one curriculum is cut off.
+    let cut = Fake { seed: 1, stages_done: 1, ..CURRICULUM };
+    let runs = [CURRICULUM, cut, AFRESH_A, AFRESH_B, Fake { seed: 1, ..AFRESH_B }];
+    let report = Report::new(&runs);
+    let caption = report.caption("learning-curve-ppo");
+    assert!(caption.contains("Missing: ppo seed 1, level b (unfinished)."), "{caption}");
+    let caption = report.caption("learning-curves-afresh");
+    assert!(caption.contains("Missing: ppo (afresh) seed 1, level a (no such run)."), "{caption}");
+    let caption = report.caption("plasticity-loss");
+    assert!(caption.contains("left out: 2."), "{caption}");
+    let html = report.html();
+    assert!(html.contains("2 runs lack results: see ") && html.contains("href=\"#missing-results\""));
+    assert!(html.contains("1 of 2 stages are done (unfinished)"));
+}
+
+#[test]
+fn many_gaps_are_counted_and_many_warnings_listed() {
+    let unfinished: Vec<Fake> = (1..14).map(|seed| Fake { seed, stages_done: 1, ..CURRICULUM }).collect();
+    let report = Report::new(&[&[CURRICULUM], &unfinished[..]].concat());
+    let caption = report.caption("returns");
+    assert!(caption.contains("and 9 more, which the table of missing results lists."), "{caption}");
+    assert!(report.html().contains("13 runs lack results, and there are 13 warnings: see "));
+}
+
+#[test]
+fn a_level_that_nobody_learns_is_counted_as_censored() {
+    let lost = Fake { skill: |_, _| Skill::Lost, curve: |_, _| 0.0, ..CURRICULUM };
+    let afresh = Fake { curve: |_, _| 0.0, skill: |_, _| Skill::Lost, ..AFRESH_B };
+    let report = Report::new(&with_seeds(&[lost, afresh], 3));
+    let caption = report.caption("time-to-threshold");
+    assert!(caption.contains("never reach 0.5: ppo 3 in the curriculum and 3 afresh, of 3."), "{caption}");
+}
+
+#[test]
+fn runs_without_anything_give_a_report_without_crashing() {
+    // Nothing is done, logs are absent or have a header alone, and returns are NaN throughout.
+    let nothing = Fake { stages_done: 0, ..CURRICULUM };
+    let empty = |run: &Fake, path: &Path| {
+        let log = path.join("progress.csv");
+        match run.seed {
+            0 => fs::remove_file(log).expect("the log is there"),
+            1 => fs::write(log, "stage,level,time/total_timesteps,cumulative_timesteps,rollout/ep_rew_mean\n")
+                .expect("the folder is writable"),
+            _ => {
+                let head = "stage,level,time/total_timesteps,cumulative_timesteps,rollout/ep_rew_mean\n";
+                fs::write(log, format!("{head}0,a,250,250,NaN\n0,a,500,500,NaN\n")).expect("the folder is writable");
+            }
+        }
+    };
+    let report = Report::altered(&[nothing, Fake { seed: 1, ..nothing }], empty);
+    assert_eq!(report.names(), ["levels", "matrices"]);
+    let report = Report::altered(&[Fake { seed: 2, ..nothing }], empty);
+    assert_eq!(report.names(), ["levels", "learning-curve-ppo", "matrices"]);
+    let svg = fs::read_to_string(report.path("figures/learning-curve-ppo.svg")).expect("the drawing");
+    assert!(svg.contains("no data"));
+    assert!(report.html().contains(Topic::Returns.absence()));
+}
+
+#[test]
+fn runs_afresh_alone_are_compared_too() {
+    let dqn = Fake { arm: "dqn", ..AFRESH_B };
+    let report = Report::altered(&with_seeds(&[AFRESH_A, AFRESH_B, dqn], 2), log_plasticity);
+    let expected = ["levels", "learning-curves-afresh", "returns", "probability-of-improvement", "plasticity-afresh"];
+    assert_eq!(report.names(), expected);
+}
+
+#[test]
+fn the_same_runs_give_the_same_bytes() {
+    let report = Report::altered(&with_seeds(&[CURRICULUM, AFRESH_B], 3), log_plasticity);
+    let before = files(&report.path(""));
+    let again = Analysis::read(&[report.root.path().join("runs")]).expect("runs that can be read");
+    export::write(&again, &report.path(""), "cpp-rl compare runs").expect("the folder is writable");
+    let after = files(&report.path(""));
+    assert!(before.len() > 30, "{:?}", before.keys());
+    assert_eq!(before.keys().collect::<Vec<_>>(), after.keys().collect::<Vec<_>>());
+    for (path, bytes) in &before {
+        assert!(after[path] == *bytes, "{} differs", path.display());
+    }
+}
+
+#[test]
+fn levels_are_drawn_as_svg_or_png() {
+    let sandbox = Sandbox::new();
+    let printed = sandbox.succeeds("levels draw --levels 0..5").stdout;
+    assert!(printed.starts_with("<svg") && printed.contains("level 4"));
+    sandbox.succeeds("levels draw --levels a.yaml --out maps.svg");
+    check_svg(&sandbox.path("maps.svg"));
+    sandbox.succeeds("levels draw --levels 0,narrow.yaml --out maps.PNG");
+    check_png(&sandbox.path("maps.PNG"));
+}
+
+#[test]
+fn compare_writes_the_report_and_its_command() {
+    let sandbox = Sandbox::new();
+    for run in with_seeds(&[CURRICULUM], 2) {
+        run.write(&sandbox.path("runs"));
+    }
+    sandbox.succeeds("compare runs --out report");
+    let html = fs::read_to_string(sandbox.path("report/report.html")).expect("the page is there");
+    assert!(html.contains("<code>cpp-rl compare runs --out report</code>"));
+    assert!(html.contains(concat!("cpp-rl ", env!("CARGO_PKG_VERSION"))));
+}
