@@ -24,6 +24,7 @@ fn run(cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Train(args) => args.run(cli.verbosity()),
         Command::Curriculum(args) => args.run(cli.verbosity()),
+        Command::Study(args) => args.run(cli.verbosity()),
         Command::Eval(args) => args.run(),
         Command::Baseline(args) => args.run(),
         Command::Runs(args) => args.run(),

@@ -8,7 +8,7 @@ use coverage_env::generator::LevelSpec;
 use coverage_env::{BUILTIN_IDS, Level};
 
 use super::output::write_stdout;
-use crate::error::{UserError, tell};
+use crate::error::UserError;
 use crate::report::{Cell, Format, Table, export, figures};
 use crate::run::write_file;
 

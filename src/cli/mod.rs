@@ -8,6 +8,7 @@ pub mod levels;
 mod output;
 pub mod runs;
 mod signals;
+pub mod study;
 pub mod train;
 mod training;
 
@@ -64,6 +65,8 @@ pub enum Command {
     Train(train::TrainArgs),
     /// Train agents on one level after another and print the study's tables.
     Curriculum(curriculum::CurriculumArgs),
+    /// Train every arm of a study, through its levels and on each of them afresh: by default the published one.
+    Study(study::StudyArgs),
     /// Evaluate checkpoints.
     Eval(eval::EvalArgs),
     /// Evaluate a planner: greedy A*, the proved optimum, or random moves.

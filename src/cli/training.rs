@@ -1,6 +1,6 @@
-//! What `train` and `curriculum` share: their arguments, and carrying an experiment out.
+//! What `train`, `curriculum` and `study` share: their arguments, and carrying an experiment out.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Result, anyhow};
@@ -19,7 +19,7 @@ use crate::training::progress::{Progress, Verbosity};
 use crate::training::saving::Saving;
 use crate::training::{Event, Experiment, Outcome};
 
-/// Arguments of every training.
+/// Arguments of a training of one arm.
 #[derive(Clone, Debug, Args)]
 pub struct TrainingArgs {
     /// The preset: dqn, ppo, ppo-eps, ppo-l2, ppo-l2-dohare, …; may be left out where --config says it.
@@ -37,6 +37,13 @@ pub struct TrainingArgs {
     /// One setting on top of preset and file; may be given many times.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
+    #[command(flatten)]
+    launch: LaunchArgs,
+}
+
+/// How a training is carried out: nothing here changes what a seed learns.
+#[derive(Clone, Debug, Args)]
+pub struct LaunchArgs {
     /// The experiment's folder [default: runs/<command>].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -88,16 +95,50 @@ impl TrainingArgs {
         Ok(config::resolve(self.algo.as_deref(), self.config.as_deref(), &self.set, self.timesteps)?)
     }
 
+    /// The experiment that these arguments describe; from here on signals ask it to stop.
+    ///
+    /// # Errors
+    /// Those of [`LaunchArgs::experiment`].
+    pub fn experiment(&self, config: Config, curriculum: Curriculum, command: &str) -> Result<Experiment> {
+        self.launch.experiment(config, curriculum, &self.seeds.0, &super::default_out(command))
+    }
+}
+
+impl LaunchArgs {
     fn saving(&self) -> Saving {
         let unsaid = self.checkpoint_updates.is_none().then_some(SAVING_INTERVAL);
         Saving { updates: self.checkpoint_updates, interval: self.checkpoint_minutes.unwrap_or(unsaid) }
     }
 
-    /// The experiment that these arguments describe; from here on signals ask it to stop.
+    /// The experiment's folder, `default` where none is given.
+    pub fn out(&self, default: &Path) -> PathBuf {
+        self.out.clone().unwrap_or_else(|| default.to_owned())
+    }
+
+    /// Threads that train.
+    pub fn jobs(&self) -> usize {
+        self.jobs.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from)
+    }
+
+    /// How `config` is computed.
     ///
     /// # Errors
-    /// A device that is not there or does not suit the kernel.
-    pub fn experiment(&self, config: Config, curriculum: Curriculum, command: &str) -> Result<Experiment> {
+    /// A device that does not suit the kernel.
+    pub fn backend(&self, config: &Config) -> Result<Backend> {
+        Ok(Backend::choose(config.kernel, self.device).map_err(UserError::new)?)
+    }
+
+    /// An experiment; from here on signals ask it to stop.
+    ///
+    /// # Errors
+    /// A device that is not there or does not suit the kernel, and a network too large for any machine.
+    pub fn experiment(
+        &self,
+        config: Config,
+        curriculum: Curriculum,
+        seeds: &[u64],
+        default_out: &Path,
+    ) -> Result<Experiment> {
         if let Device::Cuda(index) = self.device
             && tch::Cuda::device_count() <= index as i64
         {
@@ -110,14 +151,13 @@ impl TrainingArgs {
         }
         let cells = curriculum.levels.iter().map(|level| level.len()).max().unwrap_or(0);
         config.check_size(cells).map_err(UserError::new)?;
-        let backend = Backend::choose(config.kernel, self.device).map_err(UserError::new)?;
-        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let backend = self.backend(&config)?;
         Ok(Experiment {
             config,
             curriculum,
-            seeds: self.seeds.0.clone(),
-            out: self.out.clone().unwrap_or_else(|| super::default_out(command)),
-            jobs: self.jobs.map_or(cores, usize::from),
+            seeds: seeds.to_vec(),
+            out: self.out(default_out),
+            jobs: self.jobs(),
             backend,
             resume: self.resume,
             plasticity_interval: self.plasticity_interval,

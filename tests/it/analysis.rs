@@ -109,7 +109,6 @@ impl Fake {
             versions: Versions { cpp_rl: String::new(), git: String::new(), libtorch: String::new() },
             host: Host { name: String::new(), platform: String::new(), cores: 1 },
             command: Vec::new(),
-            plasticity_interval: 0,
             starts: Vec::new(),
             started: String::new(),
             updated: String::new(),
