@@ -5,7 +5,7 @@ use charts::{About, Axis, Curve, CurveChart, CurvePanel, Layout, Reference, Styl
 use super::super::analysis::{AgainstAfresh, Analysis, Arm, LevelInfo, Protocol};
 use super::super::names::file_name;
 use super::super::topic::Topic;
-use super::timeline::{Timeline, levels_of};
+use super::timeline::{Timeline, levels_of, trained_for};
 use super::track::{Seeds, Track};
 use super::{AFRESH, NamedFigure, arms_of, caption, level_label, short_name, style};
 
@@ -148,23 +148,29 @@ fn on_level(arm: &Arm, level: usize, name: &str, style: Style, seeds: Seeds) -> 
     curve
 }
 
-fn by_level(analysis: &Analysis, about: About, levels: &[usize], curves: impl Fn(usize) -> Vec<Curve>) -> CurveChart {
+/// A panel per level; x is as long as the longest training of these arms.
+fn by_level(
+    analysis: &Analysis,
+    about: About,
+    arms: &[&Arm],
+    levels: &[usize],
+    curves: impl Fn(usize) -> Vec<Curve>,
+) -> CurveChart {
     let panel = |&level: &usize| CurvePanel {
         title: level_label(analysis, level),
         curves: curves(level),
         references: planners(&analysis.levels[level]),
         ..CurvePanel::default()
     };
-    let panels: Vec<CurvePanel> = levels.iter().map(panel).collect();
-    let ends = panels.iter().flat_map(|panel| &panel.curves).filter_map(|curve| curve.centre.last());
-    let longest = ends.map(|(timesteps, _)| *timesteps).fold(0.0, f64::max);
+    let longest = arms.iter().flat_map(|arm| levels.iter().filter_map(|&level| trained_for(arm, level)));
+    let longest = longest.fold(0.0, f64::max);
     CurveChart {
         about,
         layout: Layout { width: Width::Page, columns: 3, panel_height: 95.0 },
         // Curves begin with the first row of a log, training at 0.
         x: Axis { range: Some((0.0, longest)), ..Axis::new("timesteps on the level") },
         y: Axis::new(RETURN),
-        panels,
+        panels: levels.iter().map(panel).collect(),
         ..CurveChart::default()
     }
 }
@@ -192,7 +198,8 @@ fn afresh(analysis: &Analysis) -> Option<NamedFigure> {
             caption::bands(analysis, &indices),
             caption::missing(analysis, &indices),
         ]),
-        drawing: by_level(analysis, about, &levels, curves).draw(),
+        drawing: by_level(analysis, about, &arms.iter().map(|&(_, arm)| arm).collect::<Vec<_>>(), &levels, curves)
+            .draw(),
         tables: Vec::new(),
     })
 }
@@ -224,7 +231,7 @@ fn against_afresh(analysis: &Analysis, against: &AgainstAfresh) -> Option<NamedF
             caption::bands(analysis, &both),
             caption::missing(analysis, &both),
         ]),
-        drawing: by_level(analysis, about, &levels_of(arm), curves).draw(),
+        drawing: by_level(analysis, about, &[arm, other], &levels_of(arm), curves).draw(),
         tables: vec!["against-afresh".to_owned()],
     })
 }

@@ -19,7 +19,7 @@ struct Slot {
 }
 
 /// How long an arm trains on a level: as asked for, or longer, since a rollout is always whole.
-fn timesteps(arm: &Arm, level: usize) -> Option<f64> {
+pub(super) fn trained_for(arm: &Arm, level: usize) -> Option<f64> {
     let planned = arm.stages.iter().find(|stage| stage.level == level)?.timesteps as f64;
     let last = arm.curves.iter().filter(|curve| curve.level == level).filter_map(|curve| curve.points.last());
     Some(last.map(|point| point.timesteps).fold(planned, f64::max))
@@ -40,7 +40,7 @@ impl Timeline {
         let in_timesteps = levels.iter().all(|&level| planned(level).windows(2).all(|pair| pair[0] == pair[1]));
         let mut from = 0.0;
         let slot = |&level: &usize| {
-            let longest = arms.iter().filter_map(|arm| timesteps(arm, level)).fold(0.0, f64::max);
+            let longest = arms.iter().filter_map(|arm| trained_for(arm, level)).fold(0.0, f64::max);
             let slot = Slot { level, from, length: if in_timesteps { longest } else { 1.0 } };
             from += slot.length;
             slot
@@ -51,7 +51,7 @@ impl Timeline {
     /// Maps timesteps of an arm on a level to x; none where the level has no place.
     pub(super) fn place(&self, arm: &Arm, level: usize) -> Option<impl Fn(f64) -> f64 + use<>> {
         let slot = self.slots.iter().find(|slot| slot.level == level)?;
-        let scale = if self.in_timesteps { 1.0 } else { timesteps(arm, level)?.max(1.0) };
+        let scale = if self.in_timesteps { 1.0 } else { trained_for(arm, level)?.max(1.0) };
         let from = slot.from;
         Some(move |timesteps: f64| from + timesteps / scale)
     }
