@@ -5,8 +5,10 @@ The file is a fixture of the crate, whose tests hold the writer to it byte by by
 
 from __future__ import annotations
 
+import csv
 import math
 import struct
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -154,3 +156,36 @@ def test_every_record_is_an_end(tmp_path: Path) -> None:
         events.Reload()
         assert events.Tags() == whole.Tags()
         assert [event.step for event in events.Scalars("train/loss")] == steps
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "dqn"])
+def test_a_run_is_read(algorithm: str, tmp_path: Path) -> None:
+    """What cpp-rl itself writes while it trains, interrupted by nothing: every column of its logs, and distributions."""
+    binary = REPOSITORY / "target" / "release" / "cpp-rl"
+    if not binary.exists():
+        pytest.skip("cpp-rl is not built here: cargo build --release")
+    command = [binary, "-q", "train", "--algo", algorithm, "--level", "0", "--timesteps", "6144", "--out", tmp_path]
+    subprocess.run([str(word) for word in command], check=True, stdout=subprocess.DEVNULL)
+    run = tmp_path / algorithm / "level-0" / "seed-0"
+    [path] = (run / "tb").iterdir()
+    events = read(path)
+    for log, steps in (("progress.csv", "cumulative_timesteps"), ("plasticity.csv", "cumulative_timesteps")):
+        with (run / log).open() as file:
+            rows = list(csv.DictReader(file))
+        assert rows
+        tags = [column for column in rows[0] if "/" in column and not column.startswith("time/")]
+        assert tags
+        for tag in tags:
+            found = [(event.step, event.value) for event in events.Scalars(tag)]
+            expected = [(int(row[steps]), float(row[tag])) for row in rows]
+            assert [step for step, _ in found] == [step for step, _ in expected]
+            assert np.allclose([value for _, value in found], [value for _, value in expected], equal_nan=True), tag
+    assert [event.step for event in events.Scalars("time/fps")] == [2048, 4096, 6144]
+    assert [event.step for event in events.Scalars("evaluation/level-0/mean_return")] == [0, 6144]
+    tower = {"ppo": "policy", "dqn": "q"}[algorithm]
+    assert events.Histograms(f"weights/{tower}.0")[-1].histogram_value.num == 256 * 64
+    assert events.Histograms(f"activations/{tower}.1")[-1].histogram_value.num == 512 * 64
+    start = events.summary_metadata["_hparams_/session_start_info"].plugin_data.content
+    hparams = metadata.parse_session_start_info_plugin_data(start).hparams
+    assert (hparams["arm"].string_value, hparams["seed"].number_value) == (algorithm, 0)
+    assert hparams["learning_rate"].number_value == 1e-4

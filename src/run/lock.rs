@@ -2,6 +2,8 @@
 
 use std::fs::{File, TryLockError};
 use std::path::Path;
+use std::thread;
+use std::time::Duration;
 
 use anyhow::{Context, Result};
 
@@ -9,6 +11,9 @@ use crate::error::UserError;
 
 /// Its name within the run.
 const NAME: &str = ".lock";
+/// How often the lock is tried, since who only [asks](is_held) holds it for an instant.
+const ATTEMPTS: usize = 4;
+const PAUSE: Duration = Duration::from_millis(25);
 
 /// Held for as long as it lives; the operating system lets go of it when the process ends, however it ends.
 pub(super) struct Lock(#[expect(dead_code, reason = "it is held, not used")] File);
@@ -44,7 +49,15 @@ impl Lock {
     }
 
     fn of(file: File, run: &Path) -> Result<Self> {
-        match file.try_lock() {
+        let mut locked = file.try_lock();
+        for _ in 1..ATTEMPTS {
+            if !matches!(locked, Err(TryLockError::WouldBlock)) {
+                break;
+            }
+            thread::sleep(PAUSE);
+            locked = file.try_lock();
+        }
+        match locked {
             Ok(()) => Ok(Self(file)),
             Err(TryLockError::WouldBlock) => Err(UserError::new(format!(
                 "{} is being written by another process: wait for it, or choose another folder with --out",
