@@ -105,6 +105,15 @@ def describe() -> dict[str, Any]:
     }
 
 
+def processor_time() -> tuple[int, int] | None:
+    """Ticks that all cores have wanted to work, and of these the ticks that the host gave to others; Linux only."""
+    fields = read("/proc/stat").split("\n", 1)[0].split()[1:9]
+    if len(fields) < 8:
+        return None
+    user, nice, system, _idle, _iowait, irq, softirq, steal = map(int, fields)
+    return user + nice + system + irq + softirq + steal, steal
+
+
 def read(path: str | Path) -> str:
     """A file's text, or nothing where there is none."""
     try:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -99,16 +100,36 @@ def many_seeds(b: Bench, algo: str, n: int, seeds: int, jobs: int, settings: Seq
 
 
 def cores(b: Bench) -> Rows:
-    """16 seeds on all cores and on one, in turn."""
+    """16 seeds on all cores and on one, in turn, and what the cores can do together at best."""
     if len(b.cores) == 1:
         sys.exit("bench: the section cores needs more than one core")
     rows = []
     for algo in ALGORITHMS:
         n = b.length(b.cpp_rl.train(algo, 3 * ROLLOUT, b.core).rate, 16)
         for repetition in range(b.repetitions):
-            for jobs in (1, len(b.cores)):
-                rows.append({"repetition": repetition, **many_seeds(b, algo, n, 16, jobs)})
+            one, all_cores = (many_seeds(b, algo, n, 16, jobs) for jobs in (1, len(b.cores)))
+            apart = processes_apart(b, algo, n, 16 // len(b.cores))
+            measured = {"one core": one, f"{len(b.cores)} cores": all_cores, "one process per core": apart}
+            rows += [{"repetition": repetition, "how": how, **row} for how, row in measured.items()]
     return rows
+
+
+def processes_apart(b: Bench, algo: str, n: int, seeds: int) -> dict[str, Any]:
+    """As `many_seeds`, but with a process for each core, which share nothing: what keeps them from running as fast as
+    one alone is the machine.
+    """
+
+    def walls(timesteps: int) -> list[float]:
+        def train(core: int) -> float:
+            return b.cpp_rl.train(algo, timesteps, [core], seeds=seeds).process.wall
+
+        with ThreadPoolExecutor(len(b.cores)) as pool:
+            return list(pool.map(train, b.cores))
+
+    seconds = [long - short for short, long in zip(walls(ROLLOUT), walls(n), strict=True)]
+    rate = sum(seeds * (n - ROLLOUT) / s for s in seconds)
+    say(f"{algo}, {len(b.cores)} processes of {seeds} seeds: {rate:,.0f} timesteps/s")
+    return {"algo": algo, "seeds": seeds * len(b.cores), "timesteps": n, "rate": rate}
 
 
 def seeds(b: Bench) -> Rows:

@@ -42,8 +42,11 @@ def machines(results: dict[str, dict[str, Any]]) -> str:
     """What the numbers of these sections belong to: a line for every machine and commit."""
     lines: dict[str, list[str]] = {}
     for section, result in results.items():
-        lines.setdefault(machine_line(result["machine"]), []).append(f"{section} {result['machine']['load']:.2f}")
-    return "\n\n".join(f"{line} Load average before each section: {', '.join(loads)}." for line, loads in lines.items())
+        stolen = result["machine"].get("stolen")  # only Linux tells
+        load = f"{section} {result['machine']['load']:.2f}" + (f" ({stolen:.1%})" if stolen is not None else "")
+        lines.setdefault(machine_line(result["machine"]), []).append(load)
+    what = "Load average before each section (and share of the processor's time that the host gave to others)"
+    return "\n\n".join(f"{line} {what}: {', '.join(loads)}." for line, loads in lines.items())
 
 
 def machine_line(machine: dict[str, Any]) -> str:
@@ -79,12 +82,11 @@ def cores(rows: Rows) -> str:
     """One core against all, repetition by repetition."""
     lines = []
     for (algo,), runs in group(rows, "algo").items():
-        rates = {jobs: column(found, "rate") for (jobs,), found in group(runs, "jobs").items()}
-        one = rates.pop(1)
-        lines.append([f"{algo.upper()}, 1 core", spread(one), ""])
-        for jobs, values in rates.items():
+        rates = {how: column(found, "rate") for (how,), found in group(runs, "how").items()}
+        one = rates["one core"]
+        for how, values in rates.items():
             ratios = [many / single for many, single in zip(values, one, strict=True)]
-            lines.append([f"{algo.upper()}, {jobs} cores", spread(values), spread(ratios, ".2f")])
+            lines.append([f"{algo.upper()}, {how}", spread(values), "" if values is one else spread(ratios, ".2f")])
     return table(["16 seeds", "timesteps/s of all seeds", "against 1 core"], lines)
 
 
