@@ -5,7 +5,7 @@ use std::sync::Arc;
 use bit_mlp::Prepared;
 use coverage_env::planner::{PlanError, Planner};
 use coverage_env::random::{below, unit_f32, unit_f64};
-use coverage_env::{Action, CoverageEnv, Level, Observation, State};
+use coverage_env::{Action, CellSet, CoverageEnv, Level, Observation, State};
 
 use crate::agent::network::Network;
 use crate::agent::random::{Purpose, Stream};
@@ -86,14 +86,39 @@ pub fn network(
 ) -> LevelResult {
     let mut acting = Prepared::new(network.acting(), parameters, &Observation::constant_inputs(level));
     let mut active = Vec::new();
+    let mut circle = Circle { visited: None, actions: vec![None; level.len()] };
     let episode = |start| {
         episode(level, max_steps, start, |state| {
-            active.clear();
-            Observation::new(level, state).push_active(&mut active);
-            choose.action(acting.forward_one(parameters, &active))
+            let is_greedy = matches!(choose, Choose::Greedy);
+            let mut ask = || {
+                active.clear();
+                Observation::new(level, state).push_active(&mut active);
+                choose.action(acting.forward_one(parameters, &active))
+            };
+            if is_greedy { circle.action(state, ask) } else { ask() }
         })
     };
     LevelResult::new(level.name(), starts.cells(level).into_iter().map(episode).collect())
+}
+
+/// What a greedy policy did in each cell since it last came to a new one.
+///
+/// What it observes depends on its cell and the visited cells alone, and so does what it does. A policy that fails walks
+/// over visited cells in a circle, mostly: it is asked once around, instead of at each step until the limit.
+struct Circle {
+    visited: Option<CellSet>,
+    /// By cell.
+    actions: Vec<Option<Action>>,
+}
+
+impl Circle {
+    fn action(&mut self, state: &State, ask: impl FnOnce() -> Action) -> Action {
+        if self.visited.as_ref() != Some(&state.visited) {
+            self.visited = Some(state.visited.clone());
+            self.actions.fill(None);
+        }
+        *self.actions[usize::from(state.agent)].get_or_insert_with(ask)
+    }
 }
 
 /// Episodes of a planner on one level.
@@ -129,6 +154,36 @@ fn episode(level: &Arc<Level>, max_steps: u32, start: usize, mut act: impl FnMut
             let (row, column) = level.position(start);
             let length = env.state().steps;
             return Episode { start: [row, column], return_, length, solved: step.terminated };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use coverage_env::BUILTIN_IDS;
+
+    use super::*;
+    use crate::{agent, config};
+
+    #[test]
+    fn asking_once_around_changes_no_episode() {
+        let config = config::resolve(Some("ppo"), None, &[], None).unwrap();
+        for (seed, id) in BUILTIN_IDS.into_iter().enumerate() {
+            let level = Arc::new(Level::builtin(id).unwrap());
+            let network = agent::network(&config, &level);
+            let mut parameters = agent::fresh(&config, &level, seed as u64).parameters;
+            // Louder than at first, so that the policy has opinions: it walks about before it goes round.
+            parameters.iter_mut().for_each(|parameter| *parameter *= 3.0);
+            let found = super::network(&network, &parameters, &level, 200, Starts::Exhaustive, &mut Choose::Greedy);
+
+            let mut acting = Prepared::new(network.acting(), &parameters, &Observation::constant_inputs(&level));
+            let mut ask = |state: &State| {
+                let mut active = Vec::new();
+                Observation::new(&level, state).push_active(&mut active);
+                greedy(acting.forward_one(&parameters, &active))
+            };
+            let plain = level.starts().iter().map(|&start| episode(&level, 200, start, &mut ask)).collect();
+            assert_eq!(found, LevelResult::new(level.name(), plain));
         }
     }
 }
