@@ -7,5 +7,5 @@ use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| match Checkpoint::from_bytes(bytes) {
     Ok(read) => assert_eq!(read.agent.parameters.len(), read.network.num_parameters()),
-    Err(error) => assert!(!error.is_empty()),
+    Err(error) => assert!(!error.to_string().is_empty()),
 });

@@ -2,6 +2,7 @@
 //!
 //! docs/checkpoints.md describes the format for readers in other languages; `python/` reads and writes it too.
 
+use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -14,6 +15,8 @@ use super::container::{self, Container, FORMAT, NO_CRC, Tensor, not_ours};
 use crate::agent::network::Network;
 use crate::agent::state::{AdamState, AgentState, Counters};
 use crate::config::Choice;
+
+pub use super::container::FileError;
 
 /// What the header calls these files.
 const KIND: &str = "stage";
@@ -78,8 +81,8 @@ pub struct CheckpointError {
 }
 
 impl CheckpointError {
-    pub(super) fn new(path: &Path, problem: impl Into<String>) -> Self {
-        Self { path: path.to_owned(), problem: problem.into() }
+    pub(super) fn new(path: &Path, problem: impl fmt::Display) -> Self {
+        Self { path: path.to_owned(), problem: problem.to_string() }
     }
 }
 
@@ -138,8 +141,12 @@ impl Checkpoint {
     ///
     /// # Errors
     /// Anything but a whole checkpoint of this format.
-    pub fn from_bytes(bytes: &[u8]) -> Result<Self, String> {
-        let mut file = Container::open(bytes, KIND)?;
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, FileError> {
+        Self::take(Container::open(bytes, KIND)?).map_err(FileError::Foreign)
+    }
+
+    /// Takes it out of a file that fits its checksum.
+    fn take(mut file: Container<'_>) -> Result<Self, String> {
         let header: Header = serde_json::from_str(&file.header).map_err(not_ours)?;
         let network = header.network()?;
         let places = network.tensors();

@@ -1,7 +1,7 @@
 //! The files that hold tensors: safetensors with a header of our own and a checksum over every byte.
 
 use std::collections::HashMap;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::Path;
 
@@ -24,6 +24,20 @@ const MAX_HEADER_BYTES: u64 = 1 << 26;
 /// What stands before the checksum's digits: the header is JSON within JSON, so that its quotes are escaped.
 const CRC_FIELD: &[u8] = br#"\"crc32\":\""#;
 const CRC_DIGITS: usize = NO_CRC.len();
+
+/// Why a file is not taken.
+#[derive(Debug, thiserror::Error)]
+pub enum FileError {
+    /// Its bytes are not those that were written.
+    #[error("{0}")]
+    Damaged(String),
+    /// It cannot be read, and may well be whole.
+    #[error("cannot read the checkpoint: {0}")]
+    Unreadable(io::Error),
+    /// It is whole, but not what is wanted here.
+    #[error("{0}")]
+    Foreign(String),
+}
 
 /// A tensor to be written: its bytes row-major, little-endian.
 pub(super) struct Tensor {
@@ -71,28 +85,29 @@ pub(super) fn to_bytes(header: &impl Serialize, tensors: &[Tensor]) -> Vec<u8> {
 /// The bytes of a file, of which nothing is read or allocated that none of ours can have.
 ///
 /// # Errors
-/// In words, without the file's name.
-pub(super) fn read(path: &Path) -> Result<Vec<u8>, String> {
-    let cannot = |error: io::Error| format!("cannot read the checkpoint: {error}");
-    let mut file = File::open(path).map_err(cannot)?;
-    let metadata = file.metadata().map_err(cannot)?;
+/// Without the file's name.
+pub(super) fn read(path: &Path) -> Result<Vec<u8>, FileError> {
+    // Looked at before it is opened, which would wait where it is a pipe.
+    let metadata = fs::metadata(path).map_err(FileError::Unreadable)?;
     let size = metadata.len();
     if !metadata.is_file() {
-        return Err("cannot read the checkpoint: it is not a file".to_owned());
+        return Err(FileError::Unreadable(io::Error::other("it is not a file")));
     }
     if size > MAX_BYTES {
-        return Err(format!("{size} bytes are too many for a checkpoint (at most {MAX_BYTES})"));
+        let message = format!("{size} bytes are too many for a checkpoint (at most {MAX_BYTES})");
+        return Err(FileError::Foreign(message));
     }
+    let mut file = File::open(path).map_err(FileError::Unreadable)?;
     let mut bytes = Vec::new();
-    (&mut file).take(8).read_to_end(&mut bytes).map_err(cannot)?;
+    (&mut file).take(8).read_to_end(&mut bytes).map_err(FileError::Unreadable)?;
     if let Ok(length) = <[u8; 8]>::try_from(bytes.as_slice()).map(u64::from_le_bytes)
         && length > MAX_HEADER_BYTES
     {
         let message = format!("not a checkpoint of cpp-rl: its header is said to have {length} bytes");
-        return Err(format!("{message} (at most {MAX_HEADER_BYTES} are possible)"));
+        return Err(FileError::Damaged(format!("{message} (at most {MAX_HEADER_BYTES} are possible)")));
     }
     // A file that grows meanwhile is read no further.
-    file.take(size.saturating_sub(8)).read_to_end(&mut bytes).map_err(cannot)?;
+    file.take(size.saturating_sub(8)).read_to_end(&mut bytes).map_err(FileError::Unreadable)?;
     Ok(bytes)
 }
 
@@ -104,23 +119,30 @@ pub(super) struct Container<'a> {
     taken: usize,
 }
 
-/// What is said of a file that is not one of ours.
+/// What is said of a file that is no file of ours, or none any more.
+fn damaged(what: impl std::fmt::Display) -> FileError {
+    FileError::Damaged(format!("not a checkpoint of cpp-rl ({what}): the file was cut short or changed"))
+}
+
+/// What is said of a file that fits its checksum, and yet is not one of ours.
 pub(super) fn not_ours(what: impl std::fmt::Display) -> String {
-    format!("not a checkpoint of cpp-rl ({what}): was the file cut short or changed?")
+    format!("not a checkpoint that this version of cpp-rl writes ({what})")
 }
 
 impl<'a> Container<'a> {
-    /// Opens a file and checks format, kind and checksum, before anything else of it is believed.
-    pub(super) fn open(bytes: &'a [u8], kind: &str) -> Result<Self, String> {
-        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(not_ours)?;
+    /// Opens a file and checks checksum, format and kind, before anything else of it is believed.
+    ///
+    /// The checksum comes first: a file that fits it is as it was written, whatever else is wrong with it.
+    pub(super) fn open(bytes: &'a [u8], kind: &str) -> Result<Self, FileError> {
+        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
         let text = metadata.metadata().as_ref().and_then(|m| m.get(HEADER_KEY)).ok_or_else(|| {
-            "a safetensors file without a cpp-rl header: convert models of other tools with \
-             `python -m cpp_rl_gym.sb3 import`"
-                .to_owned()
+            let message = "a safetensors file without a cpp-rl header: convert models of other tools with \
+                           `python -m cpp_rl_gym.sb3 import`";
+            FileError::Damaged(message.to_owned())
         })?;
-        check_format(text, kind)?;
-        check_crc(bytes)?;
-        let tensors = SafeTensors::deserialize(bytes).map_err(not_ours)?;
+        check_crc(bytes).map_err(FileError::Damaged)?;
+        check_format(text, kind).map_err(FileError::Foreign)?;
+        let tensors = SafeTensors::deserialize(bytes).map_err(|error| FileError::Foreign(not_ours(error)))?;
         Ok(Self { header: text.clone(), tensors, taken: 0 })
     }
 
@@ -170,13 +192,13 @@ pub(super) fn floats(bytes: &[u8]) -> impl Iterator<Item = f32> {
 
 /// Refuses other versions and kinds by name.
 fn check_format(text: &str, kind: &str) -> Result<(), String> {
-    let header: Value = serde_json::from_str(text).map_err(|e| format!("its cpp-rl header is damaged: {e}"))?;
+    let header: Value = serde_json::from_str(text).map_err(not_ours)?;
     match header.get("format").and_then(Value::as_u64) {
         Some(format) if format == u64::from(FORMAT) => {}
         Some(format) => {
             return Err(format!("checkpoint format {format}; this version of cpp-rl reads format {FORMAT}"));
         }
-        None => return Err("its cpp-rl header names no format: the file is damaged".to_owned()),
+        None => return Err(not_ours("its header names no format")),
     }
     match header.get("kind").and_then(Value::as_str) {
         Some(found) if found == kind => Ok(()),
@@ -217,6 +239,6 @@ mod tests {
         assert_eq!(refused(r#"{"format":2}"#), "checkpoint format 2; this version of cpp-rl reads format 1");
         assert!(refused(r#"{"format":1,"kind":"snapshot"}"#).contains("from the midst of a stage"));
         assert!(refused(r#"{"format":1,"kind":"x"}"#).contains("of kind x"));
-        assert!(refused(r#"{"kind":"stage"}"#).contains("damaged"));
+        assert!(refused(r#"{"kind":"stage"}"#).contains("names no format"));
     }
 }

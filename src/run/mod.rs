@@ -34,7 +34,7 @@ use crate::dose::StageDose;
 use crate::error::UserError;
 use crate::plasticity::Measurement;
 use crate::results::LevelResult;
-use checkpoint::{Checkpoint, Origin};
+use checkpoint::{Checkpoint, FileError, Origin};
 use evaluations::{Phase, Row};
 use lock::Lock;
 use logs::{Logs, Mark, Marks, PLASTICITY, PROGRESS, TENSORBOARD};
@@ -125,7 +125,7 @@ impl RunDir {
             atomic::sweep(directory).with_context(|| format!("cannot tidy up {}", directory.display()))?;
         }
         let network = agent::network(plan.config, &plan.stages[0].level);
-        let Found { standing, marks, seconds, file, mut notices } =
+        let Found { standing, marks, seconds, file, damaged, mut notices } =
             standing::find(path, &manifest, plan, &network, extended)?;
         if let Standing::Finished = standing {
             if manifest.status != Status::Finished {
@@ -133,7 +133,7 @@ impl RunDir {
                 manifest.write(path)?;
             }
         } else {
-            discard_after(path, standing.timesteps())?;
+            notices.extend(set_aside(damaged, &standing)?);
             let start = Start::here(&plan.manifest.command, standing.timesteps());
             notices.extend(manifest.starts.last().and_then(|last| other_instructions(path, last, &start)));
             manifest.status = Status::Running;
@@ -367,13 +367,17 @@ impl RunDir {
     }
 }
 
-/// Removes the snapshots taken after these timesteps: the logs do not reach that far any more.
-fn discard_after(run: &Path, timesteps: u64) -> Result<()> {
-    let discard = || {
-        let later = snapshot::list(run)?.into_iter().filter(|&taken| taken > timesteps);
-        later.map(|taken| snapshot::path(run, taken)).try_for_each(fs::remove_file)
+/// Puts the damaged snapshots aside that were passed over; returns what to say of each.
+fn set_aside(damaged: Vec<(PathBuf, FileError)>, standing: &Standing) -> Result<Vec<String>> {
+    let instead = match standing {
+        Standing::Fresh => "the run begins anew",
+        _ => "the run goes on from what was saved before it",
     };
-    discard().with_context(|| format!("cannot tidy up {}", snapshot::folder(run).display()))
+    let each = damaged.into_iter().map(|(file, problem)| {
+        let aside = snapshot::set_aside(&file).with_context(|| format!("cannot rename {}", file.display()))?;
+        Ok(format!("{}: {problem}; {instead}, and the file is kept as {}", file.display(), aside.display()))
+    });
+    each.collect()
 }
 
 /// Refuses a directory with checkpoints of a run but without its manifest: to begin there would destroy them.

@@ -8,7 +8,7 @@ use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
 
 use super::atomic;
-use super::container::{self, Container, FORMAT, NO_CRC, Tensor, not_ours};
+use super::container::{self, Container, FORMAT, FileError, NO_CRC, Tensor, not_ours};
 use super::logs::Marks;
 use crate::agent::dqn::ReplayState;
 use crate::agent::network::Network;
@@ -20,6 +20,8 @@ use crate::dose::StageDose;
 const KIND: &str = "snapshot";
 /// The end of their names, which begin with the cumulative timesteps.
 const EXTENSION: &str = "safetensors";
+/// What is appended to the name of a damaged one.
+const DAMAGED: &str = ".damaged";
 
 /// A snapshot, and what the run's directory was like when it was taken.
 #[derive(Clone, Debug)]
@@ -83,6 +85,18 @@ pub(super) fn list(run: &Path) -> io::Result<Vec<u64>> {
     Ok(found)
 }
 
+/// Renames a damaged snapshot, so that it is no longer in the way and nobody removes it; returns its new name.
+///
+/// # Errors
+/// Those of the file system.
+pub(super) fn set_aside(file: &Path) -> io::Result<PathBuf> {
+    let mut name = file.as_os_str().to_owned();
+    name.push(DAMAGED);
+    let aside = PathBuf::from(name);
+    fs::rename(file, &aside)?;
+    Ok(aside)
+}
+
 impl SavedSnapshot {
     /// Writes the file, whole or not at all.
     ///
@@ -95,8 +109,8 @@ impl SavedSnapshot {
     /// Reads a file and checks that it is whole; whether it fits the stage is for [`Snapshot::check`].
     ///
     /// # Errors
-    /// In words, without the file's name.
-    pub(super) fn read(path: &Path, network: &Network) -> Result<Self, String> {
+    /// Without the file's name.
+    pub(super) fn read(path: &Path, network: &Network) -> Result<Self, FileError> {
         Self::from_bytes(&container::read(path)?, network)
     }
 
@@ -129,8 +143,12 @@ impl SavedSnapshot {
         container::to_bytes(&header, &tensors)
     }
 
-    fn from_bytes(bytes: &[u8], network: &Network) -> Result<Self, String> {
-        let mut file = Container::open(bytes, KIND)?;
+    fn from_bytes(bytes: &[u8], network: &Network) -> Result<Self, FileError> {
+        Self::take(Container::open(bytes, KIND)?, network).map_err(FileError::Foreign)
+    }
+
+    /// Takes it out of a file that fits its checksum.
+    fn take(mut file: Container<'_>, network: &Network) -> Result<Self, String> {
         let header: Header = serde_json::from_str(&file.header).map_err(not_ours)?;
         let places = network.tensors();
         let mut flat = |prefix| file.network(prefix, &places);
@@ -251,9 +269,30 @@ mod tests {
         for at in 0..bytes.len() {
             let mut changed = bytes.clone();
             changed[at] ^= 1 << (at % 8);
-            assert!(SavedSnapshot::from_bytes(&changed, &network).is_err(), "byte {at}");
-            assert!(SavedSnapshot::from_bytes(&bytes[..at], &network).is_err(), "cut to {at}");
+            let damaged =
+                |bytes: &[u8]| matches!(SavedSnapshot::from_bytes(bytes, &network), Err(FileError::Damaged(_)));
+            assert!(damaged(&changed), "byte {at}");
+            assert!(damaged(&bytes[..at]), "cut to {at}");
         }
+    }
+
+    /// What is whole must not pass for damaged, which is passed over.
+    #[test]
+    fn what_is_whole_but_cannot_be_read_is_not_called_damaged() {
+        let (config, stage, saved) = saved("ppo");
+        let network = agent::network(&config, &stage.level);
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("1.safetensors");
+        let refused = || SavedSnapshot::read(&path, &network).unwrap_err();
+        assert!(matches!(refused(), FileError::Unreadable(_)), "there is none");
+        fs::create_dir(&path).unwrap();
+        assert!(matches!(refused(), FileError::Unreadable(_)), "not a file");
+        fs::remove_dir(&path).unwrap();
+        saved.write(&path, &network).unwrap();
+        let larger = config::resolve(Some("ppo"), None, &["hidden=[4]".to_owned()], None).unwrap();
+        let other = SavedSnapshot::read(&path, &agent::network(&larger, &stage.level)).unwrap_err();
+        assert!(matches!(other, FileError::Foreign(_)), "{other}");
+        assert!(SavedSnapshot::read(&path, &network).is_ok());
     }
 
     #[test]

@@ -1,10 +1,11 @@
 //! Where a run stands: the newest state that is whole.
 
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
-use super::checkpoint::{Checkpoint, CheckpointError};
+use super::checkpoint::{Checkpoint, CheckpointError, FileError};
 use super::logs::{self, Marks};
 use super::manifest::Manifest;
 use super::snapshot::{self, SavedSnapshot};
@@ -49,16 +50,21 @@ pub(super) struct Found {
     pub seconds: Option<f64>,
     /// The file that it goes on from.
     pub file: Option<PathBuf>,
+    /// Newer snapshots, which are damaged, and how.
+    pub damaged: Vec<(PathBuf, FileError)>,
     /// What the user should know.
     pub notices: Vec<String>,
 }
 
 /// Finds the newest whole state of a run: a snapshot of the running stage, else the end of the stage before.
 ///
+/// Only a snapshot whose bytes are damaged is passed over. One that may be good, and yet cannot be gone on from, is not:
+/// to go on from another would be to throw it away.
+///
 /// `extended` says that the run was done and is to go on.
 ///
 /// # Errors
-/// Names the file that would be needed and is damaged.
+/// Names the file that would be needed and is damaged, or that somebody must mend or move away.
 pub(super) fn find(
     run: &Path,
     manifest: &Manifest,
@@ -67,39 +73,44 @@ pub(super) fn find(
     extended: bool,
 ) -> Result<Found> {
     let done = manifest.stages_done;
-    let mut notices = Vec::new();
+    let mut damaged = Vec::new();
     if let Some(stage) = plan.stages.get(usize::from(done)) {
         for timesteps in snapshot::list(run).with_context(|| format!("cannot list {}", run.display()))? {
             let file = snapshot::path(run, timesteps);
-            match whole(run, &file, manifest, plan, stage, network) {
-                Ok(None) => {}
-                Ok(Some(saved)) => {
-                    notices.extend(damaged_stages(run, done));
-                    return Ok(Found {
-                        standing: Standing::Within(Box::new(saved.snapshot), saved.dose),
-                        marks: saved.marks,
-                        seconds: Some(saved.seconds),
-                        file: Some(file),
-                        notices,
-                    });
+            let saved = match SavedSnapshot::read(&file, network) {
+                Err(problem @ FileError::Damaged(_)) => {
+                    damaged.push((file, problem));
+                    continue;
                 }
-                Err(problem) => {
-                    notices.push(format!("{}: {problem}; going on from what was saved before", file.display()));
-                }
+                saved => saved.map_err(|problem| unreadable(&file, &problem))?,
+            };
+            // Of a stage that has ended; it goes when the next one is saved.
+            if saved.stage < stage.index {
+                continue;
             }
+            check(run, &file, &saved, manifest, plan, stage)?;
+            return Ok(Found {
+                standing: Standing::Within(Box::new(saved.snapshot), saved.dose),
+                marks: saved.marks,
+                seconds: Some(saved.seconds),
+                file: Some(file),
+                damaged,
+                notices: damaged_stages(run, done),
+            });
         }
         if extended {
+            let each = damaged.iter().map(|(file, problem)| format!("\n  {}: {problem}", file.display()));
             return Err(UserError::new(format!(
-                "{} cannot be extended, since no snapshot of its end is whole: start a new run with --out\n  {}",
+                "{} cannot be extended, since no snapshot of its end is whole: start a new run with --out{}",
                 run.display(),
-                notices.join("\n  ")
+                each.collect::<String>()
             ))
             .into());
         }
     }
     let Some(last) = done.checked_sub(1) else {
         let (standing, marks) = (Standing::Fresh, Marks::new());
-        return Ok(Found { standing, marks, seconds: None, file: None, notices });
+        return Ok(Found { standing, marks, seconds: None, file: None, damaged, notices: Vec::new() });
     };
     let agent = last_agent(run, last, manifest)?;
     let finished = usize::from(done) == plan.stages.len();
@@ -115,35 +126,49 @@ pub(super) fn find(
     logs::check(run, &marks)
         .map_err(|problem| UserError::new(format!("{problem}: put it back, or start a new run with --out")))?;
     let standing = if finished { Standing::Finished } else { Standing::Between(Box::new(agent)) };
-    Ok(Found { standing, marks, seconds: None, file: Some(stage_checkpoint(run, last)), notices })
+    let file = Some(stage_checkpoint(run, last));
+    Ok(Found { standing, marks, seconds: None, file, damaged, notices: Vec::new() })
 }
 
-/// A snapshot of `stage`, if it and all that it relies on is whole; nothing if it is one of an earlier stage.
-fn whole(
+/// What to do about a snapshot that cannot be read, but may be whole.
+fn unreadable(file: &Path, problem: &FileError) -> UserError {
+    let remedy = match problem {
+        FileError::Unreadable(_) => "make it readable",
+        _ => "go on with the version of cpp-rl that wrote it",
+    };
+    refused(file, format_args!("{}: {problem}", file.display()), remedy)
+}
+
+/// Checks that a snapshot is this run's, and that all it relies on is whole.
+fn check(
     run: &Path,
     file: &Path,
+    saved: &SavedSnapshot,
     manifest: &Manifest,
     plan: &Plan<'_>,
     stage: &Stage,
-    network: &Network,
-) -> Result<Option<SavedSnapshot>, String> {
-    let saved = SavedSnapshot::read(file, network)?;
-    if saved.stage < stage.index {
-        return Ok(None);
-    }
+) -> Result<(), UserError> {
     let agent = &saved.snapshot.agent;
+    let foreign = |problem: &dyn Display| {
+        refused(file, format_args!("{}: {problem}", file.display()), "start a new run with --out")
+    };
     if agent.seed != manifest.seed || file != snapshot::path(run, agent.counters.timesteps) {
-        return Err("not a snapshot that this run wrote".to_owned());
+        return Err(foreign(&"not a snapshot that this run wrote"));
     }
-    saved.snapshot.check(plan.config, stage).map_err(|error| error.to_string())?;
-    logs::check(run, &saved.marks)?;
-    Ok(Some(saved))
+    saved.snapshot.check(plan.config, stage).map_err(|problem| foreign(&problem))?;
+    logs::check(run, &saved.marks).map_err(|problem| refused(file, problem, "put it back as it was"))
+}
+
+/// A snapshot that the run does not go on from, and does not pass over: whoever knows more is to decide.
+fn refused(file: &Path, problem: impl Display, remedy: &str) -> UserError {
+    let otherwise = format!("or move {} away to go on from what was saved before it", file.display());
+    UserError::new(format!("{problem}; {remedy}, {otherwise}"))
 }
 
 /// What to say of finished stages whose checkpoints are damaged: the run goes on without them.
-fn damaged_stages(run: &Path, done: u16) -> impl Iterator<Item = String> {
+fn damaged_stages(run: &Path, done: u16) -> Vec<String> {
     let checkpoints = (0..done).map(|stage| Checkpoint::read(&stage_checkpoint(run, stage)));
-    checkpoints.filter_map(Result::err).map(|error| format!("{error}; the run does not need it to go on"))
+    checkpoints.filter_map(Result::err).map(|error| format!("{error}; the run does not need it to go on")).collect()
 }
 
 /// The agent after stage `last`, if its checkpoint is this run's.

@@ -7,7 +7,8 @@ use std::time::{Duration, SystemTime};
 
 use serde_json::json;
 
-use crate::sandbox::{RunFiles, Sandbox};
+use crate::arbitrary::with_header;
+use crate::sandbox::{Reproducible, RunFiles, Sandbox};
 use crate::stops::{Signal, command, runs, snapshots, spawn, stop_within, undisturbed, wait_until};
 
 /// A run that was stopped in its second stage, the command that goes on with it, and what it must end with.
@@ -16,6 +17,23 @@ fn stopped(sandbox: &Sandbox, algo: &str) -> (RunFiles, String) {
     let [run, _] = runs(sandbox, algo, "stopped");
     stop_within(sandbox, &command, &run, Signal::Terminate);
     (run, format!("{command} --resume"))
+}
+
+/// A training of one level that was stopped, the command that goes on with it, and what it must end with.
+fn stopped_train(sandbox: &Sandbox) -> (RunFiles, String, Reproducible) {
+    let command = |out: &str| {
+        let options = "--level a.yaml --timesteps 60000 --checkpoint-updates 1";
+        (
+            format!("train --config dqn.yaml {options} --out {out}"),
+            RunFiles(sandbox.path(out).join("dqn/level-a/seed-0")),
+        )
+    };
+    let (whole, run) = command("whole");
+    sandbox.succeeds(&whole);
+    let expected = run.reproducible();
+    let (command, run) = command("stopped");
+    stop_within(sandbox, &command, &run, Signal::Terminate);
+    (run, format!("{command} --resume"), expected)
 }
 
 #[test]
@@ -99,42 +117,121 @@ fn a_damaged_snapshot_is_passed_over_for_the_one_before() {
     run.reproducible().assert_same(&expected);
 }
 
+/// Where nothing but the beginning was saved before them, damaged snapshots are kept all the same.
+#[test]
+fn a_run_whose_snapshots_are_all_damaged_begins_anew() {
+    let sandbox = Sandbox::new();
+    let (run, resume, expected) = stopped_train(&sandbox);
+    let names = snapshots(&run);
+    names.iter().for_each(|name| cut(&run.0.join("checkpoints/latest").join(name)));
+    let printed = sandbox.succeeds(&resume);
+    for name in names {
+        let kept = format!("checkpoints/latest/{name}.damaged");
+        assert!(
+            printed
+                .stderr
+                .contains(&format!("the run begins anew, and the file is kept as stopped/dqn/level-a/seed-0/{kept}")),
+            "{}",
+            printed.stderr
+        );
+        assert!(run.0.join(kept).exists());
+    }
+    run.reproducible().assert_same(&expected);
+}
+
+/// To go on from an older state, or from the beginning, would be to throw a good snapshot away.
+#[test]
+fn a_snapshot_that_may_be_good_is_never_passed_over() {
+    let sandbox = Sandbox::new();
+    let (run, resume, expected) = stopped_train(&sandbox);
+    let copy = sandbox.path("copy");
+    duplicate(&run.0, &copy);
+    let latest = run.0.join("checkpoints/latest");
+    let last = snapshots(&run).pop().expect("two are kept");
+    let hindrances: [(&str, &dyn Fn()); 4] = [
+        ("progress.csv was damaged or edited; put it back as it was, or move", &|| {
+            let path = run.0.join("progress.csv");
+            fs::write(path, run.text("progress.csv").replace('\n', "\r\n")).expect("writable");
+        }),
+        ("it is not a file; make it readable, or move", &|| {
+            remove(&latest.join(&last));
+            fs::create_dir(latest.join(&last)).expect("writable");
+        }),
+        ("checkpoint format 2; this version of cpp-rl reads format 1; go on with the version", &|| {
+            let path = latest.join(&last);
+            fs::write(&path, with_header(&fs::read(&path).expect("a file"), "format", 2)).expect("writable");
+        }),
+        ("999999999.safetensors: not a snapshot that this run wrote", &|| {
+            fs::rename(latest.join(&last), latest.join("999999999.safetensors")).expect("writable");
+        }),
+    ];
+    for (says, hinder) in hindrances {
+        hinder();
+        let before = contents(&run);
+        let error = sandbox.fails(1, &resume);
+        assert!(error.contains(says), "{error}");
+        assert!(contents(&run) == before, "{says}: nothing changes");
+        fs::remove_dir_all(&run.0).expect("writable");
+        duplicate(&copy, &run.0);
+    }
+    sandbox.succeeds(&resume);
+    run.reproducible().assert_same(&expected);
+}
+
+/// The files of a run, by name.
+fn contents(run: &RunFiles) -> Vec<(String, Vec<u8>)> {
+    run.files().into_iter().map(|name| (name.clone(), run.bytes(&name))).collect()
+}
+
 /// Whatever file is damaged, however: the run ends as it should, or the file is named and nothing is lost.
 #[test]
 fn damage_to_any_file_is_mended_or_named() {
     let sandbox = Sandbox::new();
     let [expected, _] = undisturbed(&sandbox, "dqn");
     let (run, resume) = stopped(&sandbox, "dqn");
-    let copy = sandbox.path("copy");
-    duplicate(&run.0, &copy);
-    let files = run.files();
-    assert!(files.len() == 9, "{files:?}");
-    let mut named = 0;
-    for name in &files {
+    assert_eq!(run.files().len(), 9, "{:?}", run.files());
+    damage_each_file(&sandbox, &run, &resume, &expected);
+}
+
+/// The first stage has no end of another to fall back on.
+#[test]
+fn damage_to_any_file_of_a_first_stage_is_mended_or_named() {
+    let sandbox = Sandbox::new();
+    let (run, resume, expected) = stopped_train(&sandbox);
+    damage_each_file(&sandbox, &run, &resume, &expected);
+}
+
+fn damage_each_file(sandbox: &Sandbox, run: &RunFiles, resume: &str, expected: &Reproducible) {
+    let copy = RunFiles(sandbox.path("copy"));
+    duplicate(&run.0, &copy.0);
+    let files = contents(run);
+    for (name, content) in &files {
         for (how, damage) in [("flip", flip as fn(&Path)), ("cut", cut), ("empty", empty), ("remove", remove)] {
             fs::remove_dir_all(&run.0).expect("writable");
-            duplicate(&copy, &run.0);
+            duplicate(&copy.0, &run.0);
             damage(&run.0.join(name));
-            let output = sandbox.command(&resume).output().expect("it starts");
+            let output = sandbox.command(resume).output().expect("it starts");
             let stderr = String::from_utf8_lossy(&output.stderr);
             assert!(!stderr.contains("panicked"), "{how} {name}: {stderr}");
-            if output.status.success() {
-                if name == "checkpoints/stage-0.safetensors" {
-                    // A finished stage's file is not needed to go on; it is told of, and stays as it is.
-                    assert!(stderr.contains("stage-0.safetensors"), "{how}: {stderr}");
-                    fs::copy(copy.join(name), run.0.join(name)).expect("writable");
-                }
-                run.reproducible().assert_same(&expected);
-            } else {
-                named += 1;
+            // The manifest cannot be replaced, nor what the logs and evaluations said.
+            let needed = !name.starts_with("checkpoints/") && name != "config.yaml";
+            assert_eq!(output.status.success(), !needed, "{how} {name}: {stderr}");
+            if needed {
                 let stem = name.rsplit('/').next().expect("a name");
                 assert!(matches!(output.status.code(), Some(1 | 2)) && stderr.contains(stem), "{how} {name}: {stderr}");
-                assert!(run.0.join("checkpoints/latest").read_dir().expect("a folder").count() >= 1, "nothing is lost");
+                for (other, content) in files.iter().filter(|(other, _)| other != name) {
+                    assert!(run.bytes(other) == *content, "{how} {name}: {other} is lost");
+                }
+                continue;
             }
+            if name == "checkpoints/stage-0.safetensors" {
+                // A finished stage's file is not needed to go on; it is told of, and stays as it is.
+                assert!(stderr.contains("stage-0.safetensors"), "{how}: {stderr}");
+                fs::write(run.0.join(name), content).expect("writable");
+            }
+            run.reproducible().assert_same(expected);
         }
     }
-    // The manifest cannot be replaced, nor what the logs and evaluations of earlier stages said.
-    assert!(named >= 4, "{named}");
 }
 
 fn duplicate(from: &Path, to: &Path) {

@@ -5,6 +5,8 @@ use std::process::{Child, Command, Output, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use serde_json::Value;
+
 use crate::sandbox::{Reproducible, RunFiles, Sandbox};
 
 /// Timesteps of a stage that is long enough to be stopped in its midst.
@@ -55,15 +57,18 @@ impl Signal {
     }
 }
 
-/// Starts training and sends a signal once `run` is well within its second stage; returns what the training printed.
+/// Starts training and sends a signal once `run` is well within its second stage, or its only one; returns what the
+/// training printed.
 #[track_caller]
 pub fn stop_within(sandbox: &Sandbox, command: &str, run: &RunFiles, signal: Signal) -> Output {
     let mut child = spawn(sandbox, command);
     wait_until(&mut child, || {
-        // PPO ends a stage with its rollout, of less than 100 timesteps here.
-        let within = |name: &String| {
-            timesteps(name) > 100 + run.manifest()["stages"][0]["timesteps"].as_u64().expect("a number")
+        let ended = |stages: &[Value]| match stages {
+            [_only] => 0,
+            // PPO ends a stage with its rollout, of less than 100 timesteps here.
+            stages => 100 + stages[0]["timesteps"].as_u64().expect("a number"),
         };
+        let within = |name: &String| timesteps(name) > ended(run.manifest()["stages"].as_array().expect("a list"));
         snapshots(run).len() == 2 && snapshots(run).iter().all(within)
     });
     signal.send(&child);
