@@ -29,13 +29,13 @@ pub struct Dose {
 /// What the running stage has measured so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StageDose {
-    /// Of the ratios of the penalty's gradient to the loss's, as its bits: JSON rounds.
+    /// Of the ratios of the penalty's gradient to the loss's, as its bits, which is how snapshots of format 1 have it.
     #[serde(with = "as_bits")]
     sum: f64,
     count: u32,
 }
 
-/// A float that survives JSON to the last bit.
+/// A float as the integer of its bits.
 mod as_bits {
     use serde::{Deserialize, Deserializer, Serializer};
 

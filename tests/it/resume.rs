@@ -204,6 +204,16 @@ fn other_settings_are_refused_by_name() {
     sandbox.run(RUN).reproducible().assert_same(&before);
 }
 
+/// Seventeen digits, which a reader of JSON that rounds reads as another number.
+#[test]
+fn settings_are_read_back_to_the_last_bit() {
+    let sandbox = Sandbox::new();
+    let command = format!("{SHORT} --set learning_rate=0.0022459276771779678");
+    sandbox.succeeds(&command);
+    sandbox.run(RUN).unfinish(1);
+    sandbox.succeeds(&format!("{command} --resume"));
+}
+
 #[test]
 fn a_damaged_run_is_refused_in_words() {
     let sandbox = Sandbox::new();
