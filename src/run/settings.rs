@@ -47,7 +47,10 @@ fn refuse_changes(run: &Path, old: &Manifest, plan: &Plan<'_>) -> Result<()> {
         let (old, new) = (list(old).join(", "), list(new).join(", "));
         changes.push(format!("stages: {old} → {new}{}", if old == new { " (a map has changed)" } else { "" }));
     }
-    for (key, old, new) in [("kernel", &old.kernel, &new.kernel), ("device", &old.device, &new.device)] {
+    let seeds = [old.seed, new.seed].map(|seed| seed.to_string());
+    let others =
+        [("seed", &seeds[0], &seeds[1]), ("kernel", &old.kernel, &new.kernel), ("device", &old.device, &new.device)];
+    for (key, old, new) in others {
         if old != new {
             changes.push(format!("{key}: {old} → {new}"));
         }

@@ -198,6 +198,12 @@ fn other_settings_are_refused_by_name() {
         assert!(differences.iter().all(|difference| error.contains(difference)), "{error}");
         assert!(error.contains("--out") && error.contains("seed-0"), "{error}");
     }
+    // A run that was moved is still that of its seed.
+    let moved = sandbox.run(&RUN.replace("seed-0", "seed-7"));
+    fs::rename(&sandbox.run(RUN).0, &moved.0).expect("writable");
+    let error = sandbox.fails(2, &format!("{SHORT} --seeds 7 --resume"));
+    assert!(error.contains("seed: 0 → 7"), "{error}");
+    fs::rename(&moved.0, &sandbox.run(RUN).0).expect("writable");
     let map = fs::read_to_string(sandbox.path("b.yaml")).expect("text").replace("..#T", "...T");
     sandbox.write("b.yaml", map);
     assert!(sandbox.fails(2, &format!("{SHORT} --resume")).contains("a map has changed"));
