@@ -41,9 +41,10 @@ impl Lock {
     /// # Errors
     /// As [`Lock::take`].
     pub(super) fn try_out(run: &Path) -> Result<()> {
-        match File::open(run.join(NAME)) {
+        // NFS locks a file for one alone only where it is open for writing.
+        match File::options().write(true).open(run.join(NAME)) {
             Ok(file) => Self::of(file, run).map(|_| ()),
-            // No lock, or none that may be read: taking it will tell.
+            // No lock, or none that may be written: taking it will tell.
             Err(_) => Ok(()),
         }
     }
