@@ -23,7 +23,10 @@ pub(super) fn train(experiment: &Experiment, seeds: &[u64], events: &Sender<Even
     let mut cohorts: Vec<Cohort<'_>> = Vec::new();
     for &seed in seeds {
         match Run::open(experiment, seed, events) {
-            Ok(Taken::Finished(run)) => outcome.finished.push(run),
+            Ok(Taken::Finished(run)) => {
+                let _ = events.send(Event::AlreadyFinished { seed });
+                outcome.finished.push(run);
+            }
             Ok(Taken::Run(run)) => match cohorts.iter_mut().find(|cohort| cohort.runs[0].place() == run.place()) {
                 Some(cohort) => cohort.runs.push(*run),
                 None => cohorts.push(Cohort { experiment, events, runs: vec![*run] }),

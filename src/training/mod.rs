@@ -65,6 +65,11 @@ pub enum Event {
         /// Mean return of the last 100 episodes.
         mean_return: f64,
     },
+    /// All stages of a seed were done by earlier starts.
+    AlreadyFinished {
+        /// The seed.
+        seed: u64,
+    },
     /// A seed was there before: these timesteps were done by an earlier start.
     Resumed {
         /// The seed.

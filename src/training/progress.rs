@@ -69,6 +69,9 @@ impl Progress {
                 (at.timesteps, at.stage, at.mean_return) = (timesteps, stage, mean_return);
                 self.update(seed);
             }
+            Event::AlreadyFinished { seed } => {
+                self.seeds.insert(seed, SeedProgress::new(self.per_seed, self.per_seed));
+            }
             Event::Resumed { seed, timesteps } => {
                 self.seeds.insert(seed, SeedProgress::new(timesteps, timesteps));
                 self.milestone(&format!("seed {seed} goes on after {timesteps} timesteps"));
@@ -269,6 +272,23 @@ mod tests {
         assert_eq!(line, format!(" 25.0%  250 of 1000 timesteps of 3 seeds  {}", figures().figures()));
         let apart = Figures { stages: Some((1, 3)), ..figures() };
         assert!(apart.figures().starts_with("stages 2-4/5  "));
+    }
+
+    #[test]
+    fn seeds_that_were_finished_before_count_as_done_but_not_for_the_rate() {
+        let since = Instant::now() - Duration::from_secs(10);
+        let seeds = BTreeMap::new();
+        let mut progress = Progress { since, per_seed: 100, stages: 1, num_seeds: 4, seeds, view: View::Quiet };
+        progress.show(Event::AlreadyFinished { seed: 0 });
+        progress.show(Event::Resumed { seed: 1, timesteps: 40 });
+        progress.show(Event::Progress { seed: 1, stage: 0, timesteps: 60, mean_return: 1.0 });
+        let overall = progress.overall();
+        assert_eq!((overall.done, overall.of), (160, 400));
+        // 20 timesteps in ten seconds and a little.
+        assert!(overall.rate.is_some_and(|rate| (1.9..=2.0).contains(&rate)), "{:?}", overall.rate);
+        assert_eq!((overall.stages, overall.mean_return), (Some((0, 0)), 1.0));
+        progress.show(Event::Failed { seed: 2, why: String::new() });
+        assert_eq!(progress.overall().of, 300);
     }
 
     #[test]
