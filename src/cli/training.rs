@@ -205,7 +205,7 @@ pub fn conclude(experiment: &Experiment, verbosity: Verbosity, outcome: &Outcome
     }
     let mut problems = Vec::new();
     if !outcome.failed.is_empty() {
-        let each = outcome.failed.iter().map(|(seed, why)| format!("  seed {seed}: {why}"));
+        let each = outcome.failed.iter().map(|(seed, why)| format!("  seed {seed}: {why:#}"));
         problems.push(format!("{} seeds failed:\n{}", outcome.failed.len(), each.collect::<Vec<_>>().join("\n")));
     }
     let waiting = experiment.seeds.len() - outcome.finished.len() - outcome.failed.len();
@@ -219,7 +219,13 @@ pub fn conclude(experiment: &Experiment, verbosity: Verbosity, outcome: &Outcome
         ));
         return Err(Interrupted(problems.join("\n")).into());
     }
-    if problems.is_empty() { Ok(()) } else { Err(anyhow!(problems.join("\n"))) }
+    match problems.join("\n") {
+        none if none.is_empty() => Ok(()),
+        all if outcome.failed.iter().all(|(_, why)| why.root_cause().is::<UserError>()) => {
+            Err(UserError::new(all).into())
+        }
+        all => Err(anyhow!(all)),
+    }
 }
 
 /// The command line that goes on with what this one began, for a POSIX shell.

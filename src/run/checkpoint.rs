@@ -2,7 +2,6 @@
 //!
 //! docs/checkpoints.md describes the format for readers in other languages; `python/` reads and writes it too.
 
-use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -77,13 +76,7 @@ struct Header {
 #[error("{}: {problem}", path.display())]
 pub struct CheckpointError {
     path: PathBuf,
-    problem: String,
-}
-
-impl CheckpointError {
-    pub(super) fn new(path: &Path, problem: impl fmt::Display) -> Self {
-        Self { path: path.to_owned(), problem: problem.to_string() }
-    }
+    problem: FileError,
 }
 
 impl Checkpoint {
@@ -134,7 +127,8 @@ impl Checkpoint {
     /// A file that is missing, cut short, changed, of another format, or not a checkpoint at all.
     pub fn read(path: &Path) -> Result<Self, CheckpointError> {
         let bytes = container::read(path);
-        bytes.and_then(|bytes| Self::from_bytes(&bytes)).map_err(|problem| CheckpointError::new(path, problem))
+        let read = bytes.and_then(|bytes| Self::from_bytes(&bytes));
+        read.map_err(|problem| CheckpointError { path: path.to_owned(), problem })
     }
 
     /// Reads the bytes of a file.

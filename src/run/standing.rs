@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
-use super::checkpoint::{Checkpoint, CheckpointError, FileError};
+use super::checkpoint::{Checkpoint, FileError};
 use super::logs::{self, Marks};
 use super::manifest::Manifest;
 use super::snapshot::{self, SavedSnapshot};
@@ -123,8 +123,7 @@ pub(super) fn find(
             return Err(UserError::new(format!("{} {message}", run.display())).into());
         }
     };
-    logs::check(run, &marks)
-        .map_err(|problem| UserError::new(format!("{problem}: put it back, or start a new run with --out")))?;
+    logs::check(run, &marks).map_err(needed)?;
     let standing = if finished { Standing::Finished } else { Standing::Between(Box::new(agent)) };
     let file = Some(stage_checkpoint(run, last));
     Ok(Found { standing, marks, seconds: None, file, damaged, notices: Vec::new() })
@@ -172,13 +171,17 @@ fn damaged_stages(run: &Path, done: u16) -> Vec<String> {
 }
 
 /// The agent after stage `last`, if its checkpoint is this run's.
-fn last_agent(run: &Path, last: u16, manifest: &Manifest) -> Result<AgentState, CheckpointError> {
+fn last_agent(run: &Path, last: u16, manifest: &Manifest) -> Result<AgentState, UserError> {
     let file = stage_checkpoint(run, last);
-    let Checkpoint { agent, origin, has_adam, .. } = Checkpoint::read(&file)?;
+    let Checkpoint { agent, origin, has_adam, .. } = Checkpoint::read(&file).map_err(needed)?;
     let level = manifest.stages.get(usize::from(last)).map(|stage| stage.level.clone());
     if !has_adam || (origin.seed, origin.stage, origin.level) != (Some(manifest.seed), Some(last), level) {
-        let message = "not the checkpoint that this run wrote: put it back, or start a new run with --out";
-        return Err(CheckpointError::new(&file, message));
+        return Err(needed(format_args!("{}: not the checkpoint that this run wrote", file.display())));
     }
     Ok(agent)
+}
+
+/// What is wrong with a file that the run cannot go on without.
+fn needed(problem: impl Display) -> UserError {
+    UserError::new(format!("{problem}; put it back, or start a new run with --out"))
 }

@@ -2,7 +2,7 @@
 
 use std::sync::mpsc::Sender;
 
-use anyhow::{Result, anyhow};
+use anyhow::{Error, Result, anyhow};
 
 use super::saving::SinceSaved;
 use super::{Event, Experiment, FinishedRun, Outcome};
@@ -32,9 +32,8 @@ pub(super) fn train(experiment: &Experiment, seeds: &[u64], events: &Sender<Even
                 None => cohorts.push(Cohort { experiment, events, runs: vec![*run] }),
             },
             Err(error) => {
-                let why = format!("{error:#}");
-                let _ = events.send(Event::Failed { seed, why: why.clone() });
-                outcome.failed.push((seed, why));
+                let _ = events.send(Event::Failed { seed, why: format!("{error:#}") });
+                outcome.failed.push((seed, error));
             }
         }
     }
@@ -61,7 +60,7 @@ struct Run {
     dose: Dose,
     /// `train/n_updates` of the last row.
     updates: f64,
-    failure: Option<String>,
+    failure: Option<Error>,
 }
 
 /// A seed as it was found.
@@ -118,8 +117,8 @@ impl Run {
             let why = format!("{error:#}");
             // The manifest may be what cannot be written; the failure is reported all the same.
             let _ = self.dir.fail(&why);
-            let _ = events.send(Event::Failed { seed: self.seed, why: why.clone() });
-            self.failure = Some(why);
+            let _ = events.send(Event::Failed { seed: self.seed, why });
+            self.failure = Some(error);
         }
     }
 

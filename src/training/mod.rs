@@ -10,7 +10,7 @@ use std::sync::Mutex;
 use std::sync::mpsc::channel;
 use std::thread;
 
-use anyhow::{Result, anyhow};
+use anyhow::{Error, Result, anyhow};
 use coverage_env::Level;
 use serde_json::Value;
 use tch::Device;
@@ -113,7 +113,7 @@ pub struct Outcome {
     /// The seeds that were saved before their end, since a stop was requested.
     pub interrupted: Vec<u64>,
     /// The seeds that could not go on, and why.
-    pub failed: Vec<(u64, String)>,
+    pub failed: Vec<(u64, Error)>,
 }
 
 /// A run whose stages are all done.
@@ -167,7 +167,7 @@ impl Experiment {
         })?;
         outcome.finished.sort_by_key(|run| self.seeds.iter().position(|&seed| seed == run.seed));
         outcome.interrupted.sort_unstable();
-        outcome.failed.sort();
+        outcome.failed.sort_unstable_by_key(|(seed, _)| *seed);
         Ok(outcome)
     }
 

@@ -104,7 +104,7 @@ fn an_extended_training_goes_on_from_its_end() {
     assert!(sandbox.fails(2, shorter).contains("timesteps: 640 → 256"));
     let latest = extended.0.join("checkpoints/latest");
     fs::remove_dir_all(&latest).expect("writable");
-    let error = sandbox.fails(1, &shorter.replace("256", "1024"));
+    let error = sandbox.fails(2, &shorter.replace("256", "1024"));
     assert!(error.contains("cannot be extended") && error.contains("--out"), "{error}");
 }
 
@@ -233,15 +233,16 @@ fn a_damaged_run_is_refused_in_words() {
     let mut changed = whole.clone();
     *changed.last_mut().expect("not empty") ^= 1;
     fs::write(&path, &changed).expect("writable");
-    let error = sandbox.fails(1, &resume);
+    let error = sandbox.fails(2, &resume);
     assert!(error.contains("stage-0.safetensors") && error.contains("checksum"), "{error}");
+    assert!(error.contains("put it back") && error.contains("--out"), "{error}");
 
     fs::write(&path, &whole[..whole.len() / 2]).expect("writable");
-    let error = sandbox.fails(1, &resume);
+    let error = sandbox.fails(2, &resume);
     assert!(error.contains("stage-0.safetensors") && error.contains("cut short"), "{error}");
 
     fs::remove_file(&path).expect("writable");
-    let error = sandbox.fails(1, &resume);
+    let error = sandbox.fails(2, &resume);
     assert!(error.contains("stage-0.safetensors") && error.contains("cannot read the checkpoint"), "{error}");
 
     fs::write(&path, &whole).expect("writable");
