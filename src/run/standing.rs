@@ -14,6 +14,7 @@ use crate::agent::Stage;
 use crate::agent::network::Network;
 use crate::agent::snapshot::Snapshot;
 use crate::agent::state::AgentState;
+use crate::config::Algorithm;
 use crate::dose::StageDose;
 use crate::error::UserError;
 
@@ -112,7 +113,7 @@ pub(super) fn find(
         let (standing, marks) = (Standing::Fresh, Marks::new());
         return Ok(Found { standing, marks, seconds: None, file: None, damaged, notices: Vec::new() });
     };
-    let agent = last_agent(run, last, manifest)?;
+    let agent = last_agent(run, last, manifest, plan, network)?;
     let finished = usize::from(done) == plan.stages.len();
     let marks = match manifest.marks.get(usize::from(last)) {
         Some(marks) => marks.clone(),
@@ -171,11 +172,20 @@ fn damaged_stages(run: &Path, done: u16) -> Vec<String> {
 }
 
 /// The agent after stage `last`, if its checkpoint is this run's.
-fn last_agent(run: &Path, last: u16, manifest: &Manifest) -> Result<AgentState, UserError> {
+fn last_agent(
+    run: &Path,
+    last: u16,
+    manifest: &Manifest,
+    plan: &Plan<'_>,
+    network: &Network,
+) -> Result<AgentState, UserError> {
     let file = stage_checkpoint(run, last);
-    let Checkpoint { agent, origin, has_adam, .. } = Checkpoint::read(&file).map_err(needed)?;
+    let Checkpoint { agent, origin, has_adam, network: found } = Checkpoint::read(&file).map_err(needed)?;
     let level = manifest.stages.get(usize::from(last)).map(|stage| stage.level.clone());
-    if !has_adam || (origin.seed, origin.stage, origin.level) != (Some(manifest.seed), Some(last), level) {
+    let own = (origin.seed, origin.stage, origin.level) == (Some(manifest.seed), Some(last), level);
+    let whole = has_adam && agent.target.is_some() == matches!(plan.config.algorithm, Algorithm::Dqn(_));
+    // Of another size it would be refused later, together with all seeds that it is to be stacked with.
+    if !own || !whole || found.tensors() != network.tensors() {
         return Err(needed(format_args!("{}: not the checkpoint that this run wrote", file.display())));
     }
     Ok(agent)

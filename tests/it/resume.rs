@@ -8,7 +8,9 @@ use std::time::Instant;
 
 use coverage_env::Level;
 use coverage_env::random::{below, unit_f64};
+use cpp_rl::agent::network::Network;
 use cpp_rl::agent::random::{Purpose, Stream};
+use cpp_rl::agent::state::AgentState;
 use cpp_rl::agent::{self, Backend, Stage};
 use cpp_rl::config;
 use cpp_rl::run::checkpoint::Checkpoint;
@@ -249,6 +251,25 @@ fn a_damaged_run_is_refused_in_words() {
     fs::write(run.0.join("manifest.json"), "{").expect("writable");
     let error = sandbox.fails(2, &resume);
     assert!(error.contains("manifest.json is not a manifest"), "{error}");
+}
+
+/// Seeds that are stacked with another one do not fail with it.
+#[test]
+fn a_checkpoint_of_another_network_fails_its_own_seed_alone() {
+    let sandbox = Sandbox::new();
+    let command = format!("{SHORT} --set kernel=autograd --seeds 0..2 --jobs 1");
+    sandbox.succeeds(&command);
+    let runs = ["seed-0", "seed-1"].map(|seed| sandbox.run(&RUN.replace("seed-0", seed)));
+    runs.iter().for_each(|run| run.unfinish(1));
+    let path = runs[1].0.join("checkpoints/stage-0.safetensors");
+    let mut checkpoint = Checkpoint::read(&path).expect("a checkpoint");
+    let network = &checkpoint.network;
+    checkpoint.network = Network::actor_critic(network.num_inputs(), &[3], network.activation());
+    checkpoint.agent = AgentState::new(&checkpoint.network, 1, false);
+    checkpoint.write(&path).expect("writable");
+    let error = sandbox.fails(2, &format!("{command} --resume"));
+    assert!(error.contains("stage-0.safetensors: not the checkpoint that this run wrote; put it back"), "{error}");
+    assert_eq!(runs.map(|run| run.manifest()["stages_done"].clone()), [2, 1]);
 }
 
 #[test]
