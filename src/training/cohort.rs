@@ -1,5 +1,6 @@
 //! Seeds that train on one thread: opened, trained stage by stage, saved on the way.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::Sender;
 
 use anyhow::{Error, Result, anyhow};
@@ -22,7 +23,7 @@ pub(super) fn train(experiment: &Experiment, seeds: &[u64], events: &Sender<Even
     let mut outcome = Outcome::default();
     let mut cohorts: Vec<Cohort<'_>> = Vec::new();
     for &seed in seeds {
-        match Run::open(experiment, seed, events) {
+        match guarded(|| Run::open(experiment, seed, events)) {
             Ok(Taken::Finished(run)) => {
                 let _ = events.send(Event::AlreadyFinished { seed });
                 outcome.finished.push(run);
@@ -37,10 +38,26 @@ pub(super) fn train(experiment: &Experiment, seeds: &[u64], events: &Sender<Even
             }
         }
     }
-    for cohort in cohorts {
-        outcome.extend(cohort.train());
+    for mut cohort in cohorts {
+        let stopped = guarded(|| Ok(cohort.train())).unwrap_or_else(|error| {
+            let why = format!("{error:#}");
+            cohort.each(|_, _, _| Err(anyhow!(why.clone())));
+            Stopped::AtItsEnd
+        });
+        outcome.extend(cohort.outcome(stopped));
     }
     outcome
+}
+
+/// Makes an error of a panic, such as libtorch's where a GPU has no memory left: other seeds go on, and what they leave is
+/// told.
+///
+/// What `work` changes must be fit for being told of and dropped after a panic, whatever state it is in.
+fn guarded<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
+        let message = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+        Err(anyhow!("a panic ended its training: {}", message.unwrap_or("please report this")))
+    })
 }
 
 /// Runs that advance together: they stand at the same timestep of the same stage.
@@ -149,7 +166,7 @@ impl Run {
 
 impl Cohort<'_> {
     /// Trains all stages that are left.
-    fn train(mut self) -> Outcome {
+    fn train(&mut self) -> Stopped {
         let network = agent::network(&self.experiment.config, self.experiment.level(0));
         let yaml = self.experiment.config.to_yaml();
         self.each(|experiment, _, run| {
@@ -169,7 +186,7 @@ impl Cohort<'_> {
                     let _ = events.send(Event::Interrupted { seed: run.seed });
                     Ok(())
                 });
-                return self.outcome(Stopped::BySignal);
+                return Stopped::BySignal;
             }
             self.each(|experiment, events, run| {
                 let results = evaluate_all(experiment, &network, &run.agent);
@@ -181,7 +198,7 @@ impl Cohort<'_> {
                 Ok(())
             });
         }
-        self.outcome(Stopped::AtItsEnd)
+        Stopped::AtItsEnd
     }
 
     fn train_stage(&mut self, stage: &Stage) -> Stopped {
@@ -288,4 +305,20 @@ fn check_finite(row: &Metrics, updates: f64) -> Result<(), String> {
 
 fn value(row: &Metrics, name: &str) -> f64 {
     row.iter().find(|(column, _)| *column == name).map_or(f64::NAN, |(_, value)| *value)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::panic::panic_any;
+
+    use super::*;
+
+    #[test]
+    fn a_panic_is_an_error_in_words() {
+        assert_eq!(guarded(|| Ok(3)).unwrap(), 3);
+        let of = |work: fn() -> Result<()>| guarded(work).unwrap_err().to_string();
+        assert_eq!(of(|| Err(anyhow!("an error"))), "an error");
+        assert!(of(|| panic!("out of memory")).contains("panic ended its training: out of memory"));
+        assert!(of(|| panic_any("a text".to_owned())).contains("panic ended its training: a text"));
+    }
 }
