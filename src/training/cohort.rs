@@ -10,7 +10,7 @@ use super::{Event, Experiment, FinishedRun, Outcome};
 use crate::agent::network::Network;
 use crate::agent::snapshot::Snapshot;
 use crate::agent::state::AgentState;
-use crate::agent::{self, Metrics, Stage};
+use crate::agent::{self, Backend, Metrics, Stage};
 use crate::dose::Dose;
 use crate::evaluate::{self, Choose, Starts};
 use crate::plasticity::{Measurement, Monitor};
@@ -39,6 +39,7 @@ pub(super) fn train(experiment: &Experiment, seeds: &[u64], events: &Sender<Even
         }
     }
     for mut cohort in cohorts {
+        cohort.tell_of_other_company(seeds.len());
         let stopped = guarded(|| Ok(cohort.train())).unwrap_or_else(|error| {
             let why = format!("{error:#}");
             cohort.each(|_, _, _| Err(anyhow!(why.clone())));
@@ -165,6 +166,23 @@ impl Run {
 }
 
 impl Cohort<'_> {
+    /// Says where seeds that were stacked with others go on without them, since a kill left them at another timestep.
+    fn tell_of_other_company(&self, seeds: usize) {
+        let first = &self.runs[0];
+        let stacked = matches!(self.experiment.backend, Backend::Autograd(_));
+        if !stacked || self.runs.len() == seeds || first.agent.counters.timesteps == 0 {
+            return;
+        }
+        let together: Vec<String> = self.runs.iter().map(|run| run.seed.to_string()).collect();
+        let what = format!(
+            "it goes on with {} of the {seeds} seeds that it is stacked with ({}), since the others stand elsewhere: its \
+             numbers will differ by rounding",
+            together.len(),
+            together.join(", ")
+        );
+        let _ = self.events.send(Event::Notice { seed: first.seed, what });
+    }
+
     /// Trains all stages that are left.
     fn train(&mut self) -> Stopped {
         let network = agent::network(&self.experiment.config, self.experiment.level(0));
