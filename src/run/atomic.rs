@@ -14,8 +14,7 @@ const PARTIAL: &str = ".partial";
 /// # Errors
 /// Those of the file system; the old content then still stands.
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    // The parent of a bare file name is the empty path.
-    let directory = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let directory = parent(path);
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(PARTIAL);
     let aside = directory.join(name);
@@ -45,6 +44,24 @@ pub(super) fn sweep(directory: &Path) -> io::Result<()> {
     Ok(())
 }
 
+/// Makes a directory, and those above it that are missing, each of them durable.
+///
+/// # Errors
+/// Those of the file system.
+pub(super) fn create_directories(path: &Path) -> io::Result<()> {
+    // A relative path's last ancestor is the empty path.
+    let absent = |ancestor: &&Path| !ancestor.as_os_str().is_empty() && !ancestor.exists();
+    let missing: Vec<&Path> = path.ancestors().take_while(absent).collect();
+    fs::create_dir_all(path)?;
+    missing.into_iter().try_for_each(|made| sync_directory(parent(made)))
+}
+
+/// The directory that a path is in.
+fn parent(path: &Path) -> &Path {
+    // That of a bare name is the empty path.
+    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
 /// Makes renames in a directory durable, where the platform can.
 pub(super) fn sync_directory(directory: &Path) -> io::Result<()> {
     if cfg!(unix) { File::open(directory)?.sync_all() } else { Ok(()) }
@@ -53,6 +70,18 @@ pub(super) fn sync_directory(directory: &Path) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn directories_are_made_where_they_are_missing() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a/b/c");
+        for _ in 0..2 {
+            create_directories(&path).unwrap();
+            assert!(path.is_dir());
+        }
+        fs::write(directory.path().join("file"), "").unwrap();
+        assert!(create_directories(&directory.path().join("file/a")).is_err());
+    }
 
     #[test]
     fn a_failed_write_leaves_the_old_content() {

@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 use crc32fast::Hasher;
 use serde::{Deserialize, Serialize};
 
-use super::atomic::sync_directory;
+use super::atomic::{create_directories, sync_directory};
 
 /// The log of metrics.
 pub(super) const PROGRESS: &str = "progress.csv";
@@ -169,7 +169,7 @@ impl Log {
     fn append(&mut self, path: &Path, bytes: &[u8]) -> io::Result<()> {
         if self.file.is_none() {
             let directory = path.parent().unwrap_or(Path::new("."));
-            fs::create_dir_all(directory)?;
+            create_directories(directory)?;
             self.file = Some(OpenOptions::new().create(true).append(true).open(path)?);
             sync_directory(directory)?;
         }

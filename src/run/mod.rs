@@ -117,7 +117,8 @@ impl RunDir {
     /// As [`RunDir::look`]; a run of which too much is damaged; and those of the file system.
     pub fn open(path: &Path, plan: &Plan<'_>) -> Result<Opened> {
         let folder = snapshot::folder(path);
-        fs::create_dir_all(&folder).with_context(|| format!("cannot create the run's directory {}", path.display()))?;
+        let created = atomic::create_directories(&folder);
+        created.with_context(|| format!("cannot create the run's directory {}", path.display()))?;
         let lock = Lock::take(path)?;
         refuse_lost_manifest(path)?;
         let (mut manifest, extended) = settings::settle(path, plan)?;
