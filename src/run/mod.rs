@@ -327,11 +327,13 @@ impl RunDir {
         self.write_manifest()
     }
 
-    /// Records why the run cannot go on.
+    /// Records why the run cannot go on, and closes its logs.
     ///
     /// # Errors
     /// Those of the file system.
     pub fn fail(&mut self, why: &str) -> Result<()> {
+        // Others may have to open files for as long as this process lives.
+        self.logs = Logs::closed(&self.path);
         self.manifest.status = Status::Failed(why.to_owned());
         self.write_manifest()
     }

@@ -12,6 +12,7 @@ use std::thread;
 
 use anyhow::{Error, Result, anyhow};
 use coverage_env::Level;
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use serde_json::Value;
 use tch::Device;
 
@@ -139,8 +140,9 @@ impl Experiment {
     /// What keeps runs from starting at all. A seed that fails later is part of the outcome; the others go on.
     pub fn run(&self, mut on_event: impl FnMut(Event)) -> Result<Outcome> {
         tch::set_num_threads(1);
+        allow_open_files();
         self.seeds.iter().try_for_each(|&seed| RunDir::look(&self.run_path(seed), &self.plan(seed)))?;
-        // Directories are opened when their turn comes, since a process may not have many files open.
+        // Directories are opened when their turn comes, since a process can have only so many files open.
         let cohorts: VecDeque<&[u64]> = self.seeds.chunks(self.cohort_size()).collect();
         let cohorts = Mutex::new(cohorts);
         let next = || cohorts.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).pop_front();
@@ -228,6 +230,14 @@ impl Experiment {
             seconds: 0.0,
         }
     }
+}
+
+/// Lets this process open as many files as it can be let. A run that trains has four open; seeds that are stacked all
+/// train at once, and may be more than the usual limit allows.
+fn allow_open_files() {
+    let limit = getrlimit(Resource::Nofile);
+    // Where it is refused, the file that cannot be opened is an error of its seed.
+    let _ = setrlimit(Resource::Nofile, Rlimit { current: limit.maximum, ..limit });
 }
 
 impl Outcome {
