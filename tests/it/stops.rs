@@ -46,13 +46,13 @@ pub enum Signal {
 
 impl Signal {
     /// Sends it.
-    pub fn send(self, child: &Child) {
+    fn send(self, training: &Training) {
         let name = match self {
             Self::Interrupt => "-INT",
             Self::Terminate => "-TERM",
             Self::User1 => "-USR1",
         };
-        let sent = Command::new("kill").args([name, &child.id().to_string()]).status();
+        let sent = Command::new("kill").args([name, &training.id().to_string()]).status();
         assert!(sent.expect("there is kill").success(), "the process was there");
     }
 }
@@ -61,8 +61,8 @@ impl Signal {
 /// training printed.
 #[track_caller]
 pub fn stop_within(sandbox: &Sandbox, command: &str, run: &RunFiles, signal: Signal) -> Output {
-    let mut child = spawn(sandbox, command);
-    wait_until(&mut child, || {
+    let mut training = Training::begin(sandbox, command);
+    training.wait_until(|| {
         let ended = |stages: &[Value]| match stages {
             [_only] => 0,
             // PPO ends a stage with its rollout, of less than 100 timesteps here.
@@ -71,27 +71,54 @@ pub fn stop_within(sandbox: &Sandbox, command: &str, run: &RunFiles, signal: Sig
         let within = |name: &String| timesteps(name) > ended(run.manifest()["stages"].as_array().expect("a list"));
         snapshots(run).len() == 2 && snapshots(run).iter().all(within)
     });
-    signal.send(&child);
-    let output = child.wait_with_output().expect("it ends");
+    signal.send(&training);
+    let output = training.output();
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{stderr}");
     assert!(!snapshots(run).is_empty(), "{:?}", run.files());
     output
 }
 
-/// Starts a command.
-pub fn spawn(sandbox: &Sandbox, command: &str) -> Child {
-    sandbox.command(command).stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().expect("it starts")
+/// A command at work; it ends with the test, however that ends.
+pub struct Training(Option<Child>);
+
+impl Training {
+    /// Starts it.
+    pub fn begin(sandbox: &Sandbox, command: &str) -> Self {
+        let child = sandbox.command(command).stderr(Stdio::piped()).stdout(Stdio::piped()).spawn();
+        Self(Some(child.expect("it starts")))
+    }
+
+    /// Its process.
+    pub fn id(&self) -> u32 {
+        self.0.as_ref().expect("it has not been waited for").id()
+    }
+
+    /// Waits until something holds, which it does before the process ends.
+    #[track_caller]
+    pub fn wait_until(&mut self, mut holds: impl FnMut() -> bool) {
+        let child = self.0.as_mut().expect("it has not been waited for");
+        let deadline = Instant::now() + Duration::from_secs(120);
+        while !holds() {
+            assert!(child.try_wait().expect("a child can be asked").is_none(), "it ended too early");
+            assert!(Instant::now() < deadline, "what is waited for comes within two minutes");
+            sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Waits for its end; returns what it printed.
+    pub fn output(mut self) -> Output {
+        let child = self.0.take().expect("it has not been waited for");
+        child.wait_with_output().expect("it ends")
+    }
 }
 
-/// Waits until something holds, which it does before the process ends.
-#[track_caller]
-pub fn wait_until(child: &mut Child, mut holds: impl FnMut() -> bool) {
-    let deadline = Instant::now() + Duration::from_secs(120);
-    while !holds() {
-        assert!(child.try_wait().expect("a child can be asked").is_none(), "it ended too early");
-        assert!(Instant::now() < deadline, "what is waited for comes within two minutes");
-        sleep(Duration::from_millis(1));
+impl Drop for Training {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.0 {
+            // It may have ended on its own.
+            let _ = child.kill().and_then(|()| child.wait());
+        }
     }
 }
 
