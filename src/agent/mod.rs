@@ -29,7 +29,8 @@ pub use episodes::EpisodeWindow;
 
 /// An algorithm at work on one stage with S seeds side by side.
 pub trait Learner: Send {
-    /// Collects and updates once: a rollout for PPO, 2,048 timesteps for DQN.
+    /// Collects and updates once: a rollout for PPO; for DQN up to the next multiple of 2,048 timesteps, or of the
+    /// environments' `train_freq` steps if that is more.
     ///
     /// Returns each seed's metrics, in the order of the seeds.
     fn advance(&mut self) -> Vec<Metrics>;

@@ -12,7 +12,7 @@ const PARTIAL: &str = ".partial";
 /// Whatever the moment of a crash, the old content or the new one is there.
 ///
 /// # Errors
-/// Those of the file system; the old content then still stands.
+/// Those of the file system. The old content then still stands, unless all that failed was to make the new one durable.
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let directory = parent(path);
     let mut name = path.file_name().unwrap_or_default().to_owned();

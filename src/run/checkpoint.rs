@@ -116,7 +116,7 @@ impl Checkpoint {
     /// Writes the file.
     ///
     /// # Errors
-    /// Those of the file system; what stood there before is then still whole.
+    /// Those of the file system; what stood there before is then still whole, or this is.
     pub fn write(&self, path: &Path) -> io::Result<()> {
         atomic::write(path, &self.to_bytes())
     }

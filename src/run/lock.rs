@@ -18,7 +18,8 @@ const PAUSE: Duration = Duration::from_millis(25);
 /// Held for as long as it lives; the operating system lets go of it when the process ends, however it ends.
 pub(super) struct Lock(#[expect(dead_code, reason = "it is held, not used")] File);
 
-/// Whether a process holds the run's lock, wherever it runs; looks without creating anything.
+/// Whether a process is known to hold the run's lock, wherever it runs; looks without creating anything. A lock that
+/// cannot be asked, as where the file system has none, counts as one that nobody holds.
 ///
 /// The lock is held for an instant where nobody has it: ask only of runs that are said to be running.
 pub fn is_held(run: &Path) -> bool {

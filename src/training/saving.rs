@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 /// How often a running stage is saved. What a run computes does not depend on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Saving {
-    /// After this many rows of the log: rollouts of PPO, 2,048 timesteps of DQN.
+    /// After this many rows of the log: rollouts of PPO, some 2,048 timesteps of DQN.
     pub updates: Option<u64>,
     /// After this much time.
     pub interval: Option<Duration>,
