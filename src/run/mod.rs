@@ -23,6 +23,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result};
+use event_file::SessionStatus;
 use serde_json::Value;
 
 use crate::agent::network::Network;
@@ -288,7 +289,7 @@ impl RunDir {
     pub fn finish_stage(&mut self, stage: &Stage, agent: &AgentState, dose: Value) -> Result<()> {
         let is_last = usize::from(stage.index) + 1 == self.manifest.stages.len();
         if is_last {
-            self.tensorboard(&tensorboard::finished())?;
+            self.tensorboard(&tensorboard::end(SessionStatus::Success))?;
         }
         self.logs.sync()?;
         let checkpoint = Checkpoint {
@@ -332,6 +333,8 @@ impl RunDir {
     /// # Errors
     /// Those of the file system.
     pub fn fail(&mut self, why: &str) -> Result<()> {
+        // What ended it may keep this from being written too; the manifest is what counts.
+        let _ = self.tensorboard(&tensorboard::end(SessionStatus::Failure));
         // Others may have to open files for as long as this process lives.
         self.logs = Logs::closed(&self.path);
         self.manifest.status = Status::Failed(why.to_owned());

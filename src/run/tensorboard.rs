@@ -71,9 +71,9 @@ pub(super) fn evaluation(cumulative: u64, results: &[LevelResult]) -> Vec<u8> {
     event_file::scalars(cumulative, wall_time(), &values)
 }
 
-/// That the run is done.
-pub(super) fn finished() -> Vec<u8> {
-    event_file::session_end(wall_time(), SessionStatus::Success)
+/// How the run ended.
+pub(super) fn end(status: SessionStatus) -> Vec<u8> {
+    event_file::session_end(wall_time(), status)
 }
 
 /// Seconds since 1970, UTC.

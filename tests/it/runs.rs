@@ -193,6 +193,8 @@ fn a_seed_that_diverges_stops_and_says_why() {
         let run = RunFiles(sandbox.path(kernel).join(algo).join("level-a/seed-0"));
         assert_eq!(run.manifest()["status"]["state"], json!("failed"));
         assert_eq!(run.manifest()["stages_done"], json!(0));
+        let events = run.bytes("tb/events.out.tfevents.0.cpp-rl");
+        assert!(String::from_utf8_lossy(&events).contains("_hparams_/session_end_info"), "TensorBoard is told too");
     }
 }
 

@@ -34,15 +34,13 @@ pub struct HParams<'a> {
     pub metrics: &'a [&'a str],
 }
 
-/// How a run stands.
+/// How a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SessionStatus {
     /// It has done all it was to do.
     Success = 1,
     /// It cannot go on.
     Failure = 2,
-    /// It goes on.
-    Running = 3,
 }
 
 impl HParam {

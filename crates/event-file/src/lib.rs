@@ -48,7 +48,7 @@ pub fn hparams(wall_time: f64, hparams: &HParams<'_>) -> Vec<u8> {
     summary(0, wall_time, [hparams.experiment(), hparams.session_start(wall_time)])
 }
 
-/// How the run stands, for the HParams tab; the first such record of a file counts.
+/// How the run ended, for the HParams tab; the first such record of a file counts.
 pub fn session_end(wall_time: f64, status: SessionStatus) -> Vec<u8> {
     summary(0, wall_time, [hparams::session_end(wall_time, status)])
 }
