@@ -17,7 +17,7 @@ use crate::error::{Interrupted, UserError, tell};
 use crate::run::manifest::Manifest;
 use crate::training::progress::{Progress, Verbosity};
 use crate::training::saving::Saving;
-use crate::training::{Event, Experiment, Outcome};
+use crate::training::{Event, Experiment, Outcome, progress};
 
 /// Arguments of a training of one arm.
 #[derive(Clone, Debug, Args)]
@@ -206,13 +206,15 @@ pub fn conclude(experiment: &Experiment, verbosity: Verbosity, outcome: &Outcome
     let mut problems = Vec::new();
     if !outcome.failed.is_empty() {
         let each = outcome.failed.iter().map(|(seed, why)| format!("  seed {seed}: {why:#}"));
-        problems.push(format!("{} seeds failed:\n{}", outcome.failed.len(), each.collect::<Vec<_>>().join("\n")));
+        let failed = progress::count_seeds(outcome.failed.len());
+        problems.push(format!("{failed} failed:\n{}", each.collect::<Vec<_>>().join("\n")));
     }
     let waiting = experiment.seeds.len() - outcome.finished.len() - outcome.failed.len();
     if waiting > 0 {
         let saved = outcome.interrupted.len();
         problems.push(format!(
-            "interrupted: {saved} seeds are saved in {}, {} have not begun; go on with\n  {}",
+            "interrupted: {} saved in {}, {} not begun; go on with\n  {}",
+            progress::count_seeds(saved),
             place.display(),
             waiting - saved,
             resuming(&experiment.command)

@@ -245,9 +245,14 @@ impl Figures {
 
     fn line(&self, num_seeds: usize) -> String {
         let share = 100.0 * self.done as f64 / self.of.max(1) as f64;
-        let seeds = if num_seeds == 1 { "1 seed".to_owned() } else { format!("{num_seeds} seeds") };
+        let seeds = count_seeds(num_seeds);
         format!("{share:5.1}%  {} of {} timesteps of {seeds}  {}", self.done, self.of, self.figures())
     }
+}
+
+/// `1 seed`, `3 seeds`.
+pub fn count_seeds(seeds: usize) -> String {
+    if seeds == 1 { "1 seed".to_owned() } else { format!("{seeds} seeds") }
 }
 
 /// Timesteps per second since then, once some are done.

@@ -45,7 +45,7 @@ fn a_signal_saves_and_says_how_to_go_on() {
         let command = format!("{} --seeds 0..2 --jobs 1", command("ppo", out));
         let output = stop_within(&sandbox, &command, &runs[0], signal);
         let stderr = String::from_utf8_lossy(&output.stderr);
-        assert!(stderr.contains("1 seeds are saved in") && stderr.contains("1 have not begun"), "{stderr}");
+        assert!(stderr.contains("1 seed saved in") && stderr.contains("1 not begun"), "{stderr}");
         assert_eq!(runs[0].manifest()["status"], json!({ "state": "interrupted" }));
         assert!(!runs[1].0.exists(), "a seed that waits is not begun");
 

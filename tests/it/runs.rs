@@ -210,7 +210,7 @@ fn a_seed_that_diverges_does_not_stop_the_others() {
         runs.iter().for_each(|run| run.unfinish(1));
         spoil(&runs[1].0.join("checkpoints/stage-0.safetensors"));
         let error = sandbox.fails(1, &format!("{command} --resume"));
-        let (_, failures) = error.split_once("error: 1 seeds failed:").expect("one of three");
+        let (_, failures) = error.split_once("error: 1 seed failed:").expect("one of three");
         assert!(failures.trim_start().starts_with("seed 1: train/loss became NaN by timestep 320"), "{error}");
         let kept = "the last good checkpoint is runs/curriculum/ppo/curriculum/seed-1/checkpoints/stage-0.safetensors";
         assert!(failures.contains("(update 10)") && failures.contains(kept), "{error}");
