@@ -7,7 +7,7 @@ use coverage_env::planner::{PlanError, Planner};
 use coverage_env::random::{below, unit_f32, unit_f64};
 use coverage_env::{Action, CellSet, CoverageEnv, Level, Observation, State};
 
-use crate::agent::network::Network;
+use crate::agent::network::{Network, NetworkKind};
 use crate::agent::random::{Purpose, Stream};
 use crate::agent::{greedy, sample};
 use crate::results::{Episode, LevelResult};
@@ -58,7 +58,10 @@ impl Choose {
     /// The stochastic choice that suits a network: sampling for a policy, ε-greedy for action values.
     pub fn stochastic(network: &Network, seed: u64) -> Self {
         let stream = Stream::new(seed, 0, Purpose::EvaluationActions);
-        if network.towers()[0].name == "q" { Self::EpsilonGreedy(stream) } else { Self::Sample(stream) }
+        match network.kind() {
+            NetworkKind::ActorCritic => Self::Sample(stream),
+            NetworkKind::QNetwork => Self::EpsilonGreedy(stream),
+        }
     }
 
     fn action(&mut self, outputs: &[f32]) -> Action {

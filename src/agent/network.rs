@@ -11,8 +11,18 @@ use super::random::Stream;
 /// The towers of one agent over one flat slice of P parameters.
 #[derive(Clone, Debug)]
 pub struct Network {
+    kind: NetworkKind,
     towers: Vec<Tower>,
     activation: Activation,
+}
+
+/// What the outputs of a network mean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NetworkKind {
+    /// PPO's: logits of a policy, and a value.
+    ActorCritic,
+    /// DQN's: action values.
+    QNetwork,
 }
 
 /// One named multilayer perceptron.
@@ -52,15 +62,23 @@ impl Network {
     /// PPO's separate towers: a policy `[inputs] → [4]` and a value `[inputs] → [1]`.
     pub fn actor_critic(inputs: usize, hidden: &[usize], activation: Activation) -> Self {
         let policy = ("policy", Action::ALL.len(), Init::Orthogonal { head: 0.01 });
-        Self::new(inputs, hidden, activation, &[policy, ("value", 1, Init::Orthogonal { head: 1.0 })])
+        let heads = [policy, ("value", 1, Init::Orthogonal { head: 1.0 })];
+        Self::new(NetworkKind::ActorCritic, inputs, hidden, activation, &heads)
     }
 
     /// DQN's one tower: action values `[inputs] → [4]`.
     pub fn q_network(inputs: usize, hidden: &[usize], activation: Activation) -> Self {
-        Self::new(inputs, hidden, activation, &[("q", Action::ALL.len(), Init::Uniform)])
+        let heads = [("q", Action::ALL.len(), Init::Uniform)];
+        Self::new(NetworkKind::QNetwork, inputs, hidden, activation, &heads)
     }
 
-    fn new(inputs: usize, hidden: &[usize], activation: Activation, heads: &[(&'static str, usize, Init)]) -> Self {
+    fn new(
+        kind: NetworkKind,
+        inputs: usize,
+        hidden: &[usize],
+        activation: Activation,
+        heads: &[(&'static str, usize, Init)],
+    ) -> Self {
         let mut offset = 0;
         let towers = heads.iter().map(|&(name, outputs, init)| {
             let sizes: Vec<usize> = [inputs].into_iter().chain(hidden.iter().copied()).chain([outputs]).collect();
@@ -68,7 +86,12 @@ impl Network {
             offset += mlp.num_parameters();
             Tower { name, sizes, mlp, init }
         });
-        Self { towers: towers.collect(), activation }
+        Self { kind, towers: towers.collect(), activation }
+    }
+
+    /// What its outputs mean.
+    pub fn kind(&self) -> NetworkKind {
+        self.kind
     }
 
     /// The towers in the order of their parameters.

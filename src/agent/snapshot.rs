@@ -42,6 +42,26 @@ pub struct Position {
     pub episodes: EpisodeWindow,
 }
 
+impl Position {
+    /// That of a seed with these environments, streams and episodes.
+    pub(super) fn of(
+        timesteps: u64,
+        envs: &VecEnv<Stream>,
+        actions: &Stream,
+        minibatches: &Stream,
+        episodes: &EpisodeWindow,
+    ) -> Self {
+        Self {
+            timesteps,
+            states: envs.states().to_vec(),
+            starts: envs.rngs().iter().map(Stream::state).collect(),
+            actions: actions.state(),
+            minibatches: minibatches.state(),
+            episodes: episodes.clone(),
+        }
+    }
+}
+
 /// A snapshot that cannot be one of the stage, as read from a damaged or foreign file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("not a snapshot of this stage: {0}")]
@@ -70,14 +90,8 @@ impl Snapshot {
         let stream = |purpose| Stream::new(agent.seed, stage.index, purpose);
         let starts = (0..config.num_envs as u32).map(|i| stream(Purpose::Environment(i))).collect();
         let envs = VecEnv::new(stage.level.clone(), config.max_steps, starts);
-        let position = Position {
-            timesteps: 0,
-            states: envs.states().to_vec(),
-            starts: envs.rngs().iter().map(Stream::state).collect(),
-            actions: stream(Purpose::Actions).state(),
-            minibatches: stream(Purpose::Minibatches).state(),
-            episodes: EpisodeWindow::default(),
-        };
+        let [actions, minibatches] = [Purpose::Actions, Purpose::Minibatches].map(stream);
+        let position = Position::of(0, &envs, &actions, &minibatches, &EpisodeWindow::default());
         let replay = matches!(config.algorithm, Algorithm::Dqn(_)).then(ReplayState::default);
         Self { agent, position, replay }
     }

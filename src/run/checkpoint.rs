@@ -11,7 +11,7 @@ use serde_json::{Map, Value};
 
 use super::atomic;
 use super::container::{self, Container, FORMAT, NO_CRC, Tensor, not_ours};
-use crate::agent::network::Network;
+use crate::agent::network::{Network, NetworkKind, Tower};
 use crate::agent::state::{AdamState, AgentState, Counters};
 use crate::config::Choice;
 
@@ -82,7 +82,10 @@ pub struct CheckpointError {
 impl Checkpoint {
     /// The bytes of the file.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let algorithm = if self.network.towers()[0].name == "q" { "dqn" } else { "ppo" };
+        let algorithm = match self.network.kind() {
+            NetworkKind::ActorCritic => "ppo",
+            NetworkKind::QNetwork => "dqn",
+        };
         let towers = self.network.towers().iter().map(|t| (t.name.to_owned(), Value::from(t.sizes.clone())));
         let header = Header {
             crc32: NO_CRC.to_owned(),
@@ -191,7 +194,7 @@ impl Header {
             "dqn" => Network::q_network(inputs, hidden, *activation),
             other => return Err(format!("unknown algorithm {other:?}")),
         };
-        let fits = |t: &crate::agent::network::Tower| self.towers.get(t.name) == Some(&Value::from(t.sizes.clone()));
+        let fits = |t: &Tower| self.towers.get(t.name) == Some(&Value::from(t.sizes.clone()));
         if self.towers.len() != network.towers().len() || !network.towers().iter().all(fits) {
             return Err(format!(
                 "its towers {} are not those of {} on {}×{} maps: all towers share their hidden layers",

@@ -272,14 +272,7 @@ impl Learner for Dqn {
 
     fn snapshot(&self, seed: usize) -> Snapshot {
         let seed = &self.seeds[seed];
-        let position = Position {
-            timesteps: self.timesteps,
-            states: seed.envs.states().to_vec(),
-            starts: seed.envs.rngs().iter().map(Stream::state).collect(),
-            actions: seed.actions.state(),
-            minibatches: seed.minibatches.state(),
-            episodes: seed.episodes.clone(),
-        };
+        let position = Position::of(self.timesteps, &seed.envs, &seed.actions, &seed.minibatches, &seed.episodes);
         Snapshot { agent: seed.agent.clone(), position, replay: Some(seed.replay.state()) }
     }
 }

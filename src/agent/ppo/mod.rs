@@ -264,14 +264,7 @@ impl Learner for Ppo {
 
     fn snapshot(&self, seed: usize) -> Snapshot {
         let seed = &self.seeds[seed];
-        let position = Position {
-            timesteps: seed.timesteps,
-            states: seed.envs.states().to_vec(),
-            starts: seed.envs.rngs().iter().map(Stream::state).collect(),
-            actions: seed.actions.state(),
-            minibatches: seed.minibatches.state(),
-            episodes: seed.episodes.clone(),
-        };
+        let position = Position::of(seed.timesteps, &seed.envs, &seed.actions, &seed.minibatches, &seed.episodes);
         Snapshot { agent: seed.agent.clone(), position, replay: None }
     }
 }
