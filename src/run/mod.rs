@@ -11,8 +11,8 @@ pub mod evaluations;
 mod lock;
 pub mod logs;
 pub mod manifest;
-mod progress;
 pub mod retention;
+mod rows;
 mod settings;
 mod snapshot;
 mod standing;
@@ -40,7 +40,7 @@ use evaluations::{Phase, Row};
 use lock::Lock;
 use logs::{Logs, Mark, Marks, PLASTICITY, PROGRESS, TENSORBOARD};
 use manifest::{Manifest, Start, Status};
-use progress::When;
+use rows::When;
 use snapshot::SavedSnapshot;
 use standing::Found;
 
@@ -220,7 +220,7 @@ impl RunDir {
     /// Those of the file system.
     pub fn log(&mut self, stage: &Stage, timesteps: u64, cumulative: u64, metrics: &Metrics) -> Result<()> {
         let when = When { timesteps, cumulative, seconds: self.seconds() };
-        let row = progress::row(self.logs.is_empty(PROGRESS), stage, when, metrics)?;
+        let row = rows::progress(self.logs.is_empty(PROGRESS), stage, when, metrics)?;
         self.logs.append(PROGRESS, &row)?;
         let stage = ("stage", f64::from(stage.index));
         let metrics = [stage].into_iter().chain(metrics.iter().copied());
@@ -239,7 +239,7 @@ impl RunDir {
         measurement: &Measurement,
     ) -> Result<()> {
         let when = When { timesteps, cumulative, seconds: self.seconds() };
-        let row = progress::plasticity_row(self.logs.is_empty(PLASTICITY), stage, when, &measurement.measures)?;
+        let row = rows::plasticity(self.logs.is_empty(PLASTICITY), stage, when, &measurement.measures)?;
         self.logs.append(PLASTICITY, &row)?;
         self.tensorboard(&tensorboard::plasticity(cumulative, measurement))
     }

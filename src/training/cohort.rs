@@ -261,7 +261,8 @@ impl Cohort<'_> {
             // At the end of a stage its checkpoint follows, but what can be extended goes on in the stage's midst.
             let at_end = learner.timesteps() >= stage.timesteps;
             let due = since.is_due(experiment.saving);
-            if if at_end { experiment.curriculum.extensible } else { due } {
+            let saved = if at_end { experiment.curriculum.extensible } else { due };
+            if saved {
                 self.save(stage, &*learner);
                 saved_at = learner.timesteps();
             }

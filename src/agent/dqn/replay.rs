@@ -185,7 +185,8 @@ impl ReplayState {
         if len > capacity || lengths != [2 * len, 2 * len * open.len(), len, len] {
             return Err("its replay buffer has another size");
         }
-        if if len < capacity { self.next != len } else { self.next >= capacity } {
+        let in_order = if len < capacity { self.next == len } else { self.next < capacity };
+        if !in_order {
             return Err("its replay buffer is filled in another order");
         }
         let within = |(&cell, visited): (&u16, &[u64])| {

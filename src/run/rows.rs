@@ -24,7 +24,7 @@ impl When {
 }
 
 /// The bytes of one row of `progress.csv`, after those of the header if there is none yet.
-pub(super) fn row(header: bool, stage: &Stage, when: When, metrics: &Metrics) -> Result<Vec<u8>> {
+pub(super) fn progress(header: bool, stage: &Stage, when: When, metrics: &Metrics) -> Result<Vec<u8>> {
     let place = [
         ("stage", stage.index.to_string()),
         ("level", stage.level.name().to_owned()),
@@ -37,7 +37,7 @@ pub(super) fn row(header: bool, stage: &Stage, when: When, metrics: &Metrics) ->
 }
 
 /// The bytes of one row of `plasticity.csv`, after those of the header if there is none yet.
-pub(super) fn plasticity_row(header: bool, stage: &Stage, when: When, measures: &[(String, f64)]) -> Result<Vec<u8>> {
+pub(super) fn plasticity(header: bool, stage: &Stage, when: When, measures: &[(String, f64)]) -> Result<Vec<u8>> {
     let place = [
         ("stage", stage.index.to_string()),
         ("level", stage.level.name().to_owned()),
@@ -70,7 +70,8 @@ mod tests {
         let level = Arc::new(Level::from_map("a,b", "T..").unwrap());
         let stage = Stage { index: 1, level, timesteps: 10, horizon: 10 };
         let when = When { timesteps: 10, cumulative: 30, seconds: 1.5 };
-        let text = |header| String::from_utf8(row(header, &stage, when, &vec![("train/loss", 0.25)]).unwrap()).unwrap();
+        let text =
+            |header| String::from_utf8(progress(header, &stage, when, &vec![("train/loss", 0.25)]).unwrap()).unwrap();
         assert_eq!(text(false), "1,\"a,b\",10,30,1.500,20,0.25\n");
         assert_eq!(
             text(true),
