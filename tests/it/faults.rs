@@ -136,13 +136,8 @@ fn a_run_whose_snapshots_are_all_damaged_begins_anew() {
     let printed = sandbox.succeeds(&resume);
     for name in names {
         let kept = format!("checkpoints/latest/{name}.damaged");
-        assert!(
-            printed
-                .stderr
-                .contains(&format!("the run begins anew, and the file is kept as stopped/dqn/level-a/seed-0/{kept}")),
-            "{}",
-            printed.stderr
-        );
+        let says = format!("the run begins anew, and the file is kept as stopped/dqn/level-a/seed-0/{kept}");
+        assert!(printed.stderr.contains(&says), "{}", printed.stderr);
         assert!(run.0.join(kept).exists());
     }
     run.reproducible().assert_same(&expected);
