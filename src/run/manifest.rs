@@ -11,6 +11,8 @@ use super::container::NO_CRC;
 use super::logs::Marks;
 use crate::error::UserError;
 
+/// Its name within the run.
+pub const FILE: &str = "manifest.json";
 /// The version of the manifest's fields, which a reader must know.
 pub const FORMAT: u32 = 1;
 
@@ -193,7 +195,7 @@ impl Manifest {
     /// # Errors
     /// A file that cannot be read, naming it.
     pub fn read(directory: &Path) -> Result<Self> {
-        let path = directory.join("manifest.json");
+        let path = directory.join(FILE);
         let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
         check_crc(&text).map_err(|problem| UserError::new(format!("{}: {problem}", path.display())))?;
         let value: Value = serde_json::from_str(&text)
@@ -215,7 +217,7 @@ impl Manifest {
     /// Those of the file system, naming the file.
     pub fn write(&mut self, directory: &Path) -> Result<()> {
         self.updated = now();
-        let path = directory.join("manifest.json");
+        let path = directory.join(FILE);
         let mut text = serde_json::to_string_pretty(&Sealed { crc32: NO_CRC, manifest: self })? + "\n";
         let crc = format!("{:08x}", crc32fast::hash(text.as_bytes()));
         text.replace_range(CRC_START.len()..CRC_START.len() + NO_CRC.len(), &crc);

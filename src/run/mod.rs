@@ -389,7 +389,7 @@ fn set_aside(damaged: Vec<(PathBuf, FileError)>, standing: &Standing) -> Result<
 /// Refuses a directory with checkpoints of a run but without its manifest: to begin there would destroy them.
 fn refuse_lost_manifest(run: &Path) -> Result<()> {
     let snapshots = snapshot::list(run).with_context(|| format!("cannot list {}", run.display()))?;
-    if run.join("manifest.json").exists() || (snapshots.is_empty() && !stage_checkpoint(run, 0).exists()) {
+    if run.join(manifest::FILE).exists() || (snapshots.is_empty() && !stage_checkpoint(run, 0).exists()) {
         return Ok(());
     }
     let message = "holds checkpoints but no manifest.json: put it back, or choose another folder with --out";

@@ -6,7 +6,7 @@ use anyhow::Result;
 use serde_json::{Map, Value};
 
 use super::Plan;
-use super::manifest::{Manifest, StageEntry};
+use super::manifest::{self, Manifest, StageEntry};
 use crate::error::UserError;
 
 /// The manifest that a run goes on with, and whether it was finished and is to be extended.
@@ -14,7 +14,7 @@ use crate::error::UserError;
 /// # Errors
 /// A run that is there although none is wanted, or that had other settings.
 pub(super) fn settle(run: &Path, plan: &Plan<'_>) -> Result<(Manifest, bool)> {
-    if !run.join("manifest.json").exists() {
+    if !run.join(manifest::FILE).exists() {
         return Ok((plan.manifest.clone(), false));
     }
     if !plan.resume {
