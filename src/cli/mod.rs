@@ -115,17 +115,23 @@ pub fn parse_numbers(spec: &str) -> Result<Vec<u64>, String> {
             number.map_err(|_| format!("{part:?}: expected a number, or a range such as 0..10"))
         };
         let range = match part.split_once("..") {
-            Some((from, to)) => number(from)?..number(to)?,
-            None => number(part)?..number(part)?.saturating_add(1),
+            Some((from, to)) => match number(from)?..number(to)? {
+                range if range.is_empty() => {
+                    return Err(format!("{part:?} is an empty range; 0..10 are the ten numbers from 0 to 9"));
+                }
+                range => range.start..=range.end - 1,
+            },
+            None => number(part)?..=number(part)?,
         };
-        if range.is_empty() {
-            return Err(format!("{part:?} is an empty range; 0..10 are the ten numbers from 0 to 9"));
-        }
-        let count = range.end - range.start + numbers.len() as u64;
+        // Before any of them is made, since a range may be as long as a number is large.
+        let count = (range.end() - range.start()).saturating_add(1);
         if count > MAX_SEEDS {
             return Err(format!("{part:?} makes {count} numbers; at most {MAX_SEEDS} are possible"));
         }
         numbers.extend(range);
+        if numbers.len() as u64 > MAX_SEEDS {
+            return Err(format!("{spec:?} makes more than {MAX_SEEDS} numbers, which are the most possible"));
+        }
     }
     Ok(numbers.into_iter().collect())
 }
@@ -184,8 +190,16 @@ mod tests {
         assert_eq!(parse_numbers("4"), Ok(vec![4]));
         assert_eq!(parse_numbers("0,2,5"), Ok(vec![0, 2, 5]));
         assert_eq!(parse_numbers("0..3, 7,1"), Ok(vec![0, 1, 2, 7]));
-        for wrong in ["", "a", "3..3", "5..2", "1,,2", "-1", "0..1000000000", "18446744073709551615..", "1..2..3"] {
+        assert_eq!(parse_numbers("18446744073709551615"), Ok(vec![u64::MAX]));
+        let most = |spec| parse_numbers(spec).map(|numbers| numbers.len());
+        assert_eq!(most("0..10000"), Ok(10_000));
+        assert_eq!(most("0..10000,0,5..9"), Ok(10_000), "a number that stands twice is one");
+        assert_eq!(most("0..5000,18446744073709546615..18446744073709551615"), Ok(10_000));
+        for wrong in ["", "a", "3..3", "5..2", "1,,2", "-1", "18446744073709551615..", "1..2..3"] {
             assert!(parse_numbers(wrong).is_err(), "{wrong}");
+        }
+        for many in ["0..10001", "0..10000,10000", "7,0..18446744073709551615", "0..6000,6000..12000,12000"] {
+            assert!(parse_numbers(many).is_err_and(|error| error.contains("10000")), "{many}");
         }
     }
 

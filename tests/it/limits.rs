@@ -74,7 +74,10 @@ fn numbers_of_things() {
     let sandbox = Sandbox::new();
     let most = "at most 10000 are possible";
     refused(&sandbox, "train --algo ppo --level 0 --seeds 0..1000000000", &["--seeds", "1000000000", most]);
-    refused(&sandbox, "train --algo ppo --level 0 --seeds 0,5..18446744073709551615", &["--seeds", most]);
+    for seeds in ["0,5..18446744073709551615", "7,0..18446744073709551615", "0..18446744073709551615"] {
+        refused(&sandbox, &format!("train --algo ppo --level 0 --seeds {seeds}"), &["--seeds", most]);
+    }
+    refused(&sandbox, "study --estimate --seeds 0..10000,10000", &["--seeds", "makes more than 10000 numbers"]);
     refused(&sandbox, "baseline astar --levels 0..1000000000", &["--levels", "1000000000", most]);
     refused(&sandbox, "baseline random --episodes 1000000000", &["--episodes", "10000000"]);
     refused(&sandbox, "train --algo ppo --level 0 --jobs 1000000000", &["--jobs", "1000000000"]);
