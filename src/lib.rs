@@ -16,4 +16,5 @@ pub mod report;
 pub mod results;
 pub mod run;
 pub mod study;
+pub mod text_file;
 pub mod training;

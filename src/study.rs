@@ -13,6 +13,7 @@ use crate::agent::{self, Backend, Stage};
 use crate::config::{self, Config};
 use crate::curriculum::Curriculum;
 use crate::error::UserError;
+use crate::text_file;
 
 /// The published study and its controls, which needs no file.
 const PAPER: &str = include_str!("../configs/paper.yaml");
@@ -92,15 +93,8 @@ impl Study {
     /// # Errors
     /// The first thing in it that cannot be taken, with its line and column where they are known.
     pub fn read(path: &Path, timesteps: Option<u64>) -> Result<Self> {
-        let error = |problem: String| UserError::new(format!("{}: {problem}", path.display()));
-        let cannot = |e: std::io::Error| error(format!("cannot read the study: {e}"));
-        let size = std::fs::metadata(path).map_err(cannot)?.len();
-        if size > MAX_FILE_BYTES {
-            let message = format!("{size} bytes are too many for a study (at most {MAX_FILE_BYTES})");
-            return Err(error(message).into());
-        }
-        let bytes = std::fs::read(path).map_err(cannot)?;
-        let text = String::from_utf8(bytes).map_err(|_| error("not UTF-8 text: save it as UTF-8".to_owned()))?;
+        let text = text_file::read(path, MAX_FILE_BYTES)
+            .map_err(|error| UserError::new(format!("{}: cannot read the study: {error}", path.display())))?;
         Self::parse(&text, path, timesteps)
     }
 

@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
 use super::presets::{preset, preset_names};
 use super::{Algorithm, Config, DqnConfig, Field, L2, PpoConfig, Visitor};
+use crate::text_file;
 
 /// A config file larger than this is not one.
 const MAX_FILE_BYTES: u64 = 1 << 20;
@@ -237,12 +237,8 @@ fn preset_layers(name: &str, origin: &Origin) -> Result<Layer, ConfigError> {
 
 fn read_file(path: &Path) -> Result<Layer, ConfigError> {
     let origin = Origin::File { path: path.to_owned(), at: None };
-    let size = fs::metadata(path).map_err(|e| origin.error(format!("cannot read the config file: {e}")))?.len();
-    if size > MAX_FILE_BYTES {
-        return Err(origin.error(format!("{size} bytes are too many for a config file (at most {MAX_FILE_BYTES})")));
-    }
-    let bytes = fs::read(path).map_err(|e| origin.error(format!("cannot read the config file: {e}")))?;
-    let text = String::from_utf8(bytes).map_err(|_| origin.error("not UTF-8 text: save the config file as UTF-8"))?;
+    let text = text_file::read(path, MAX_FILE_BYTES)
+        .map_err(|error| origin.error(format!("cannot read the config file: {error}")))?;
     parse(&text, |at| Origin::File { path: path.to_owned(), at })
 }
 

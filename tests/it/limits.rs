@@ -103,11 +103,14 @@ fn files() {
     sparse(&sandbox, "level.yaml", b"map: |\n", 10 * GIB);
     refused(&sandbox, "levels show level.yaml", &["level.yaml", "larger than 1048576 bytes"]);
     sparse(&sandbox, "config.yaml", b"extends: ppo\n", 10 * GIB);
-    refused(&sandbox, "train --level 0 --config config.yaml", &["config.yaml", "at most 1048576"]);
+    refused(&sandbox, "train --level 0 --config config.yaml", &["config.yaml", "larger than 1048576 bytes"]);
+    refused(&sandbox, "study config.yaml --estimate", &["config.yaml", "larger than 1048576 bytes"]);
     sandbox.write("wide.yaml", format!("map: |\n  T{}\n", ".".repeat(1_000_000)));
     refused(&sandbox, "levels show wide.yaml", &["wide.yaml", "more than 16384 cells"]);
     if cfg!(unix) {
         refused(&sandbox, "eval /dev/zero", &["/dev/zero", "it is not a file"]);
-        refused(&sandbox, "levels show /dev/zero", &["/dev/zero", "larger than"]);
+        for read in ["levels show /dev/zero", "train --level 0 --config /dev/zero", "study /dev/zero --estimate"] {
+            refused(&sandbox, read, &["/dev/zero", "larger than"]);
+        }
     }
 }
