@@ -10,11 +10,15 @@ use super::atomic;
 use super::container::NO_CRC;
 use super::logs::Marks;
 use crate::error::UserError;
+use crate::text_file::{self, TextError};
 
 /// Its name within the run.
 pub const FILE: &str = "manifest.json";
 /// The version of the manifest's fields, which a reader must know.
 pub const FORMAT: u32 = 1;
+
+/// A larger file is none of ours; maps of many stages and a long history of starts fit.
+const MAX_FILE_BYTES: u64 = 1 << 28;
 
 /// What is known of one run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -196,7 +200,13 @@ impl Manifest {
     /// A file that cannot be read, naming it.
     pub fn read(directory: &Path) -> Result<Self> {
         let path = directory.join(FILE);
-        let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        let text = text_file::read(&path, MAX_FILE_BYTES).map_err(|error| {
+            let what = format!("cannot read {}", path.display());
+            match error {
+                TextError::Unreadable(error) => anyhow::Error::new(error).context(what),
+                damage => UserError::new(format!("{what}: {damage}")).into(),
+            }
+        })?;
         check_crc(&text).map_err(|problem| UserError::new(format!("{}: {problem}", path.display())))?;
         let value: Value = serde_json::from_str(&text)
             .map_err(|e| UserError::new(format!("{} is not a manifest of cpp-rl: {e}", path.display())))?;
