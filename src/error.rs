@@ -1,6 +1,4 @@
-//! What went wrong, as far as the exit code cares, and how it is said.
-
-use std::fmt::Display;
+//! What went wrong, as far as the exit code cares.
 
 /// The user's input is wrong: exit code 2.
 #[derive(Debug, thiserror::Error)]
@@ -18,26 +16,3 @@ impl UserError {
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct Interrupted(pub String);
-
-/// Says something to whoever watches, unless less is to be shown; see [`messages`](crate::messages).
-pub fn tell(line: impl Display) {
-    tracing::info!("{line}");
-}
-
-/// The process's exit code for an error.
-pub fn exit_code(error: &anyhow::Error) -> u8 {
-    use crate::config::ConfigError;
-    use crate::run::checkpoint::CheckpointError;
-    use coverage_env::{LevelError, PlanError};
-    let of_user = |e: &(dyn std::error::Error + 'static)| {
-        e.is::<UserError>()
-            || e.is::<ConfigError>()
-            || e.is::<LevelError>()
-            || e.is::<PlanError>()
-            || e.is::<CheckpointError>()
-    };
-    if error.chain().any(|e| e.is::<Interrupted>()) {
-        return 130;
-    }
-    if error.chain().any(of_user) { 2 } else { 1 }
-}

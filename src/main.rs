@@ -4,8 +4,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
-use cpp_rl::cli::{Cli, Command};
-use cpp_rl::error::exit_code;
+use cpp_rl::cli::{Cli, Command, exit_code};
 use cpp_rl::messages;
 
 fn main() -> ExitCode {

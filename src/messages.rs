@@ -1,7 +1,7 @@
 //! Messages to whoever watches: `tracing` events, written to stderr as lines that no progress bar overwrites.
 
 use std::cell::Cell;
-use std::fmt;
+use std::fmt::{self, Display};
 use std::io::{self, Write};
 use std::sync::{Mutex, PoisonError};
 
@@ -41,6 +41,11 @@ pub fn show(verbosity: Verbosity) {
     let messages = tracing_subscriber::fmt().log_internal_errors(false).with_max_level(most);
     // An error here says that messages are shown already.
     let _ = messages.event_format(Terse).with_writer(|| Stderr).try_init();
+}
+
+/// Says something to whoever watches, unless less is to be shown.
+pub fn tell(line: impl Display) {
+    tracing::info!("{line}");
 }
 
 /// Says which bars are on the screen from now on.

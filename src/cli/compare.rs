@@ -6,7 +6,7 @@ use anyhow::Result;
 use clap::Args;
 
 use super::output::write_stdout;
-use crate::error::tell;
+use crate::messages::tell;
 use crate::report::analysis::Analysis;
 use crate::report::{Format, export, render, tables};
 

@@ -9,10 +9,10 @@ use super::parse_levels;
 use super::training::{TrainingArgs, carry_out, conclude};
 use crate::agent::Stage;
 use crate::curriculum::Curriculum;
+use crate::messages::Verbosity;
 use crate::report::study::{Planned, after_stage, matrix};
 use crate::report::{Format, Table, render};
 use crate::run::evaluations::{self, Row};
-use crate::training::progress::Verbosity;
 use crate::training::{Event, Experiment};
 
 /// The stage whose table the study prints: the one on this level.

@@ -17,11 +17,13 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::{Args, Parser, Subcommand};
-use coverage_env::Level;
+use coverage_env::{Level, LevelError, PlanError};
 
-use crate::error::UserError;
+use crate::config::ConfigError;
+use crate::error::{Interrupted, UserError};
 use crate::evaluate::Starts;
-use crate::training::progress::Verbosity;
+use crate::messages::Verbosity;
+use crate::run::checkpoint::CheckpointError;
 
 /// The most seeds of one command.
 const MAX_SEEDS: u64 = 10_000;
@@ -56,6 +58,21 @@ impl Cli {
             VerbosityArgs { .. } => Verbosity::Normal,
         }
     }
+}
+
+/// The process's exit code for an error: 2 where the user's input is wrong, 130 after a signal, 1 for anything else.
+pub fn exit_code(error: &anyhow::Error) -> u8 {
+    let of_user = |e: &(dyn std::error::Error + 'static)| {
+        e.is::<UserError>()
+            || e.is::<ConfigError>()
+            || e.is::<LevelError>()
+            || e.is::<PlanError>()
+            || e.is::<CheckpointError>()
+    };
+    if error.chain().any(|e| e.is::<Interrupted>()) {
+        return 130;
+    }
+    if error.chain().any(of_user) { 2 } else { 1 }
 }
 
 /// The subcommands.

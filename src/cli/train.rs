@@ -7,10 +7,10 @@ use coverage_env::Level;
 use super::output::print_evaluations;
 use super::training::{TrainingArgs, carry_out, conclude};
 use crate::curriculum::Curriculum;
+use crate::messages::Verbosity;
 use crate::report::Format;
 use crate::results::Evaluation;
 use crate::run::evaluations::{Phase, level_result};
-use crate::training::progress::Verbosity;
 
 /// Train agents on one level.
 #[derive(Debug, Args)]

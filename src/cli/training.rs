@@ -13,9 +13,10 @@ use crate::agent::Backend;
 use crate::config::{self, Config};
 use crate::curriculum::Curriculum;
 use crate::dose::Dose;
-use crate::error::{Interrupted, UserError, tell};
+use crate::error::{Interrupted, UserError};
+use crate::messages::{Verbosity, tell};
 use crate::run::manifest::Manifest;
-use crate::training::progress::{Progress, Verbosity};
+use crate::training::progress::Progress;
 use crate::training::saving::Saving;
 use crate::training::{Event, Experiment, Outcome, progress};
 

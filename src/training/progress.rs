@@ -7,8 +7,7 @@ use indicatif::{FormattedDuration, MultiProgress, ProgressBar, ProgressStyle};
 use tracing::{debug, error, info, warn};
 
 use super::{Event, Experiment};
-use crate::messages;
-pub use crate::messages::Verbosity;
+use crate::messages::{self, Verbosity};
 
 /// Up to this many seeds have a bar each; more share one.
 const BARS: usize = 6;
