@@ -42,7 +42,8 @@ pub struct TrainingArgs {
     launch: LaunchArgs,
 }
 
-/// How a training is carried out: nothing here changes what a seed learns.
+/// How a training is carried out. With the fused kernel nothing here changes what a seed learns; with autograd the device
+/// does, and the number of threads, which decides how many seeds are stacked: both by rounding.
 #[derive(Clone, Debug, Args)]
 pub struct LaunchArgs {
     /// The experiment's folder [default: runs/<command>].
@@ -140,15 +141,15 @@ impl LaunchArgs {
         seeds: &[u64],
         default_out: &Path,
     ) -> Result<Experiment> {
-        if let Device::Cuda(index) = self.device
-            && tch::Cuda::device_count() <= index as i64
-        {
-            return Err(UserError::new(format!(
-                "--device cuda:{index}: libtorch sees {} CUDA devices; build against a CUDA libtorch by setting \
-                 LIBTORCH to it (see docs/install.md)",
-                tch::Cuda::device_count()
-            ))
-            .into());
+        if let Device::Cuda(index) = self.device {
+            let count = usize::try_from(tch::Cuda::device_count()).unwrap_or(0);
+            if index >= count {
+                return Err(UserError::new(format!(
+                    "--device cuda:{index}: libtorch sees {count} CUDA devices; build against a CUDA libtorch by \
+                     setting LIBTORCH to it (see docs/install.md)"
+                ))
+                .into());
+            }
         }
         let cells = curriculum.levels.iter().map(|level| level.len()).max().unwrap_or(0);
         config.check_size(cells).map_err(UserError::new)?;

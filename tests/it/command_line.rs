@@ -109,6 +109,8 @@ fn seeds_and_numbers() {
         ("train --level 0 --algo ppo --timesteps=-5", &["--timesteps", "'-5'"]),
         ("train --level 0 --algo ppo --device tpu", &["--device", "cpu, cuda or cuda:N"]),
         ("train --level 0 --algo ppo --device cuda:99", &["--device cuda:99", "CUDA devices"]),
+        ("train --level 0 --algo ppo --device cuda:18446744073709551615", &["--device cuda:184", "CUDA devices"]),
+        ("train --level 0 --algo ppo --device cuda:18446744073709551616", &["--device", "cpu, cuda or cuda:N"]),
         ("baseline astar --episodes 0", &["--episodes", "'0'"]),
         ("baseline astar --episodes=-3", &["--episodes", "'-3'"]),
         ("baseline astar --exhaustive --episodes 3", &["--exhaustive", "--episodes"]),
