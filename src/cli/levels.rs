@@ -2,15 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::{Args, Subcommand};
 use coverage_env::generator::LevelSpec;
 use coverage_env::{BUILTIN_IDS, Level};
 
-use super::output::write_stdout;
+use super::output::{write_out, write_stdout};
 use crate::error::UserError;
 use crate::report::{Cell, Format, Table, export, figures};
-use crate::run::write_file;
 
 /// List, show, check, generate or draw levels.
 #[derive(Debug, Args)]
@@ -141,18 +140,14 @@ fn draw(levels: &[Level], out: Option<&PathBuf>) -> Result<()> {
     let drawing = figures::draw_levels(levels);
     let is_png = |path: &Path| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
     match out {
-        Some(path) if is_png(path) => save(path, &drawing.to_png(export::PNG_SCALE)?),
+        Some(path) if is_png(path) => write_out(path, &drawing.to_png(export::PNG_SCALE)?),
         out => deliver(&drawing.to_svg(), out),
     }
 }
 
 fn deliver(text: &str, out: Option<&PathBuf>) -> Result<()> {
     match out {
-        Some(path) => save(path, text.as_bytes()),
+        Some(path) => write_out(path, text.as_bytes()),
         None => write_stdout(text),
     }
-}
-
-fn save(path: &Path, bytes: &[u8]) -> Result<()> {
-    write_file(path, bytes).with_context(|| format!("cannot write {}", path.display()))
 }

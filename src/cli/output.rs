@@ -1,6 +1,8 @@
-//! What goes to stdout.
+//! What goes to stdout, or to a file instead.
 
+use std::fs;
 use std::io::{self, Write};
+use std::path::Path;
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
@@ -9,6 +11,7 @@ use serde_json::json;
 
 use crate::report::{self, Format};
 use crate::results::Evaluation;
+use crate::run::write_file;
 
 /// `--format`.
 impl ValueEnum for Format {
@@ -68,5 +71,50 @@ pub(super) fn offer_stdout(text: &str) -> Result<Reader> {
         Ok(()) => Ok(Reader::There),
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(Reader::Gone),
         Err(error) => Err(error).context("cannot write to stdout"),
+    }
+}
+
+/// Writes what the user wants in a file: whole or not at all where it is one, through a link to it, and straight into
+/// what is no file.
+///
+/// # Errors
+/// Those of the file system, naming the path.
+pub(super) fn write_out(path: &Path, bytes: &[u8]) -> Result<()> {
+    let written = match fs::metadata(path) {
+        // A device or a pipe is not to be replaced by a file.
+        Ok(there) if !there.is_file() => fs::write(path, bytes),
+        Ok(_) => fs::canonicalize(path).and_then(|file| write_file(&file, bytes)),
+        Err(_) => write_file(path, bytes),
+    };
+    written.with_context(|| format!("cannot write {}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn only_files_are_replaced() {
+        use std::os::unix::fs::{FileTypeExt, symlink};
+        use std::process::Command;
+        let directory = tempfile::tempdir().unwrap();
+        let [file, link] = ["file", "link"].map(|name| directory.path().join(name));
+        write_out(&file, b"old").unwrap();
+        symlink(&file, &link).unwrap();
+        write_out(&link, b"new").unwrap();
+        assert_eq!(fs::read(&file).unwrap(), b"new");
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        let pipe = directory.path().join("pipe");
+        assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let reader = std::thread::spawn({
+            let pipe = pipe.clone();
+            move || fs::read(pipe).unwrap()
+        });
+        write_out(&pipe, b"through").unwrap();
+        assert!(fs::metadata(&pipe).unwrap().file_type().is_fifo());
+        assert_eq!(reader.join().unwrap(), b"through");
+        let error = write_out(directory.path(), b"").unwrap_err();
+        assert!(format!("{error:#}").contains("cannot write"), "{error:#}");
     }
 }
