@@ -39,13 +39,12 @@ impl Curriculum {
     pub fn sequence(levels: Vec<Level>, timesteps: u64) -> Result<Self, UserError> {
         let levels: Vec<Arc<Level>> = levels.into_iter().map(Arc::new).collect();
         let Some(first) = levels.first() else {
-            return Err(UserError::new("a curriculum needs at least one level: name some with --levels"));
+            return Err(UserError::new("a curriculum needs at least one level"));
         };
         for (i, level) in levels.iter().enumerate() {
             if (level.height(), level.width()) != (first.height(), first.width()) {
                 return Err(UserError::new(format!(
-                    "levels of one curriculum share their size, but level {} is {}×{} and level {} is {}×{}: choose \
-                     others with --levels",
+                    "levels of one curriculum share their size, but level {} is {}×{} and level {} is {}×{}",
                     first.name(),
                     first.height(),
                     first.width(),
@@ -56,7 +55,7 @@ impl Curriculum {
             }
             if levels[..i].iter().any(|other| other.name() == level.name()) {
                 return Err(UserError::new(format!(
-                    "level {} stands twice in the curriculum: give each level once in --levels",
+                    "level {} stands twice in the curriculum: give each level once",
                     level.name()
                 )));
             }

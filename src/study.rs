@@ -1,13 +1,14 @@
 //! A study: several arms, each through a curriculum, on each of its levels afresh, or both.
 
 use std::collections::BTreeSet;
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use coverage_env::Level;
 use serde::Deserialize;
-use serde_saphyr::Spanned;
+use serde_saphyr::{Location, Spanned};
 
 use crate::agent::{self, Backend, Stage};
 use crate::config::{self, Config};
@@ -56,8 +57,8 @@ pub enum Training {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
-    name: String,
-    levels: Vec<Spanned<LevelId>>,
+    name: Spanned<String>,
+    levels: Spanned<Vec<Spanned<LevelId>>>,
     arms: Vec<Spanned<Arm>>,
 }
 
@@ -103,40 +104,45 @@ impl Study {
             let at = e.location().map(|l| format!(":{}:{}", l.line(), l.column())).unwrap_or_default();
             UserError::new(format!("{}{at}: not a study: {}", path.display(), e.without_snippet()))
         })?;
-        let beside = |other: &Path| path.parent().unwrap_or(Path::new("")).join(other);
-        let level = |id: &Spanned<LevelId>| -> Result<Level> {
-            Ok(match &id.value {
-                LevelId::Number(number) => Level::resolve(&number.to_string())?,
-                LevelId::Text(text) => match Level::builtin(text) {
-                    Some(level) => level,
-                    None => Level::from_path(&beside(Path::new(text)))?,
-                },
-            })
+        let refuse = |at: Location, problem: &dyn Display| {
+            UserError::new(format!("{}:{}:{}: {problem}", path.display(), at.line(), at.column()))
         };
-        let levels = file.levels.iter().map(level).collect::<Result<Vec<_>>>()?;
+        config::check_name(&file.name.value).map_err(|problem| refuse(file.name.referenced, &problem))?;
+        let beside = |other: &Path| path.parent().unwrap_or(Path::new("")).join(other);
+        let level = |id: &Spanned<LevelId>| {
+            let level = match &id.value {
+                LevelId::Number(number) => Level::resolve(&number.to_string()),
+                LevelId::Text(text) => match Level::builtin(text) {
+                    Some(level) => Ok(level),
+                    None => Level::from_path(&beside(Path::new(text))),
+                },
+            };
+            level.map_err(|error| refuse(id.referenced, &error))
+        };
+        let levels = file.levels.value.iter().map(level).collect::<Result<Vec<_>, _>>()?;
+        // What a sequence refuses, equal names say, is refused before anything is trained.
+        Curriculum::sequence(levels.clone(), 1)
+            .map_err(|problem| refuse(file.levels.referenced, &format_args!("levels: {problem}")))?;
 
         let mut arms: Vec<StudyArm> = Vec::new();
         for arm in &file.arms {
-            let at = format!("{}:{}:{}", path.display(), arm.referenced.line(), arm.referenced.column());
-            let refuse = |problem: String| Err(UserError::new(format!("{at}: {problem}")).into());
+            let refuse = |problem: &dyn Display| refuse(arm.referenced, problem);
             let Arm { algo, config, set, trains } = &arm.value;
             let config = config::resolve(algo.as_deref(), config.as_deref().map(beside).as_deref(), set, timesteps)
-                .map_err(|e| UserError::new(format!("{at}: this arm: {e}")))?;
+                .map_err(|error| refuse(&format_args!("this arm: {error}")))?;
             if trains.is_empty() {
-                return refuse("trains: name curriculum, afresh or both".to_owned());
+                return Err(refuse(&"trains: name curriculum, afresh or both").into());
             }
             if arms.iter().any(|other| other.config.name == config.name) {
                 let message = "stands twice: give one of them a name of its own with set: [name=…]";
-                return refuse(format!("the arm {} {message}", config.name));
+                return Err(refuse(&format_args!("the arm {} {message}", config.name)).into());
             }
             arms.push(StudyArm { config, trains: trains.iter().copied().collect() });
         }
         if arms.is_empty() {
             return Err(UserError::new(format!("{}: arms: name at least one", path.display())).into());
         }
-        // What a sequence refuses, equal names say, is refused before anything is trained.
-        Curriculum::sequence(levels.clone(), 1)?;
-        Ok(Self { name: file.name, levels, arms })
+        Ok(Self { name: file.name.value, levels, arms })
     }
 
     /// Everything that is trained, an experiment each: arm by arm, the curriculum first.
@@ -218,9 +224,11 @@ mod tests {
             (with("[0]", "  - {algo: ppo, trains: []}\n"), "study.yaml:4:5: trains"),
             (with("[0]", "  - {algo: ppo, trains: [twice]}\n"), "study.yaml:4"),
             (with("[0]", &one.repeat(2)), "study.yaml:5:5: the arm ppo stands twice"),
-            (with("[0, 0]", one), "stands twice"),
-            (with("[9]", one), "9"),
-            (with("[absent.yaml]", one), "absent.yaml"),
+            (with("[0, 0]", one), "study.yaml:2:9: levels: level 0 stands twice"),
+            (with("[]", one), "study.yaml:2:9: levels: a curriculum needs at least one level"),
+            (with("[0, 9]", one), "study.yaml:2:13: 9: neither a built-in level"),
+            (with("[0, absent.yaml]", one), "study.yaml:2:13: absent.yaml: cannot be read"),
+            (with("[0]", one).replace("name: x", "name: ../x"), "study.yaml:1:7: name: expected 1 to 64 letters"),
             ("name: x\nlevels: [0]\narms: []\n".to_owned(), "at least one"),
             ("name: x\nlevels: [0]\n".to_owned(), "missing field"),
             ("nmae: x".to_owned(), "nmae"),

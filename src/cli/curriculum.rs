@@ -9,6 +9,7 @@ use super::parse_levels;
 use super::training::{TrainingArgs, carry_out, conclude};
 use crate::agent::Stage;
 use crate::curriculum::Curriculum;
+use crate::error::UserError;
 use crate::messages::Verbosity;
 use crate::report::study::{Planned, after_stage, matrix};
 use crate::report::{Format, Table, render};
@@ -38,7 +39,8 @@ impl CurriculumArgs {
     /// Wrong input, and seeds that failed.
     pub fn run(&self, verbosity: Verbosity) -> Result<()> {
         let config = self.training.config()?;
-        let curriculum = Curriculum::sequence(parse_levels(&self.levels)?, config.timesteps)?;
+        let curriculum = Curriculum::sequence(parse_levels(&self.levels)?, config.timesteps)
+            .map_err(|problem| UserError::new(format!("--levels: {problem}")))?;
         let experiment = self.training.experiment(config, curriculum, "curriculum")?;
         let max_steps = experiment.config.max_steps;
         let planned: Vec<Planned> =

@@ -14,7 +14,7 @@ use serde_json::{Map, Value};
 pub use field::{Choice, Field};
 use field::{at_least, choice, flag, fraction, integer, list, non_negative, positive};
 pub use presets::{PRESETS, preset_names};
-pub use settings::{ConfigError, resolve};
+pub use settings::{ConfigError, check_name, resolve};
 
 /// The settings of one run, complete and validated.
 #[derive(Clone, Debug, PartialEq)]

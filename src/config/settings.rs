@@ -204,8 +204,11 @@ fn nearest<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
     distances.min().filter(|(distance, k)| *distance <= 1 + k.len() / 3).map(|(_, nearest)| nearest)
 }
 
-/// An arm's name becomes a folder's name.
-fn check_name(name: &str) -> Result<(), String> {
+/// Refuses a name that is not to be a folder's, which an arm's and a study's become.
+///
+/// # Errors
+/// Says what it may be.
+pub fn check_name(name: &str) -> Result<(), String> {
     let fits = |c: char| c.is_ascii_alphanumeric() || "-_.+".contains(c);
     if (1..=64).contains(&name.len()) && name.chars().all(fits) && !name.starts_with('.') {
         return Ok(());
