@@ -70,14 +70,15 @@ impl CurriculumArgs {
         })?;
 
         let runs: Vec<Vec<Row>> = outcome.finished.iter().map(|run| run.evaluations.clone()).collect();
+        let mut printed = Ok(());
         if !runs.is_empty() {
             let late = study.filter(|_| waiting > 0).map(|stage| study_table(stage, &runs));
             let mut tables: Vec<Table> = late.into_iter().collect();
             tables.push(after_stage(&experiment.curriculum, last, &runs, &planned));
             tables.push(matrix(&experiment.curriculum, &runs, &planned));
-            write_stdout(&render(&tables, self.format))?;
+            printed = write_stdout(&render(&tables, self.format));
         }
-        conclude(&experiment, verbosity, &outcome)
+        conclude(&experiment, verbosity, &outcome, printed)
     }
 }
 

@@ -64,7 +64,7 @@ impl StudyArgs {
             let (arm, curriculum) = (&experiment.config.name, &experiment.curriculum.name);
             tell(format_args!("{} of {}: {arm}, {curriculum}", i + 1, experiments.len()));
             let outcome = carry_out(experiment, verbosity, |_| {})?;
-            match conclude(experiment, verbosity, &outcome) {
+            match conclude(experiment, verbosity, &outcome, Ok(())) {
                 Err(error) if error.is::<Interrupted>() => return Err(error),
                 Err(error) => failures.push(format!("{arm}, {curriculum}: {error:#}")),
                 Ok(()) => {}

@@ -47,7 +47,7 @@ impl TrainArgs {
                 levels: level_result(&run.evaluations, Phase::After, 0, level).into_iter().collect(),
             })
             .collect();
-        print_evaluations(&evaluations, self.format)?;
-        conclude(&experiment, verbosity, &outcome)
+        let printed = print_evaluations(&evaluations, self.format);
+        conclude(&experiment, verbosity, &outcome, printed)
     }
 }

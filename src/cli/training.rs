@@ -7,6 +7,7 @@ use anyhow::{Result, anyhow};
 use clap::Args;
 use serde_json::Value;
 use tch::Device;
+use tracing::warn;
 
 use super::{Seeds, signals};
 use crate::agent::Backend;
@@ -194,14 +195,24 @@ pub fn carry_out(experiment: &Experiment, verbosity: Verbosity, mut on_event: im
     outcome
 }
 
-/// Says where the runs are, and turns failed and interrupted seeds into an error.
+/// Says where the runs are, and turns failed and interrupted seeds into an error; `printed` is what became of the results
+/// that were printed before.
 ///
 /// # Errors
-/// Names every seed that failed, and says how to go on with those that a signal stopped.
-pub fn conclude(experiment: &Experiment, verbosity: Verbosity, outcome: &Outcome) -> Result<()> {
+/// Names every seed that failed, and says how to go on with those that a signal stopped; that results could not be
+/// printed comes first, and changes nothing of it.
+pub fn conclude(experiment: &Experiment, verbosity: Verbosity, outcome: &Outcome, printed: Result<()>) -> Result<()> {
+    let concluded = say_how_it_ended(experiment, verbosity, outcome);
+    match (printed, concluded) {
+        (Err(unprinted), Err(error)) => Err(error.context(format!("{unprinted:#}"))),
+        (printed, concluded) => printed.and(concluded),
+    }
+}
+
+fn say_how_it_ended(experiment: &Experiment, verbosity: Verbosity, outcome: &Outcome) -> Result<()> {
     let place = experiment.out.join(&experiment.config.name).join(&experiment.curriculum.name);
     if verbosity != Verbosity::Quiet {
-        measured_dose(outcome)?.iter().for_each(tell);
+        measured_dose(outcome).iter().for_each(tell);
         let (finished, seeds) = (outcome.finished.len(), experiment.seeds.len());
         tell(format_args!("{finished} of {seeds} seeds finished in {}", place.display()));
     }
@@ -245,10 +256,13 @@ fn resuming(command: &[String]) -> String {
 }
 
 /// What the L2 penalty of the finished runs amounted to, a line per seed; nothing where there is none.
-fn measured_dose(outcome: &Outcome) -> Result<Vec<String>> {
+fn measured_dose(outcome: &Outcome) -> Vec<String> {
     let mut lines = Vec::new();
     for run in &outcome.finished {
-        let dose = Manifest::read(&run.path)?.dose;
+        // The run is done; that it can be read no more is no failure of this training.
+        let Ok(Manifest { dose, .. }) = Manifest::read(&run.path).inspect_err(|error| warn!("{error:#}")) else {
+            continue;
+        };
         let list = |key: &str| {
             let numbers = dose.get(key).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
             numbers.iter().filter_map(Value::as_f64).map(|v| format!("{v:.4}")).collect::<Vec<_>>().join(", ")
@@ -262,7 +276,7 @@ fn measured_dose(outcome: &Outcome) -> Result<Vec<String>> {
             ));
         }
     }
-    Ok(lines)
+    lines
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! What is seen on stderr: on a terminal, in a pipe, and with less or more of it.
 
+use std::fs::{self, File};
 use std::process::Command;
 
 use crate::sandbox::Sandbox;
@@ -74,4 +75,19 @@ fn messages_and_bars_leave_each_other_whole() {
         assert_eq!(shown(&format!("seed {first} ")), bars, "{pieces:#?}");
         assert!(pieces.iter().any(|piece| piece.starts_with("policy ")), "the table begins a line: {pieces:#?}");
     }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn results_that_cannot_be_printed_hide_no_failure() {
+    let sandbox = Sandbox::new();
+    // A folder stands where a file of one seed is to be.
+    let run = sandbox.path("runs/train/ppo/level-a/seed-0");
+    fs::create_dir_all(run.join("evaluations.csv.partial/occupied")).expect("writable");
+    let full = File::options().write(true).open("/dev/full").expect("Linux has it");
+    let output = sandbox.command(&format!("{TRAIN} --seeds 0..2")).stdout(full).output().expect("the program starts");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert!(stderr.contains("error: cannot write to stdout"), "{stderr}");
+    assert!(stderr.contains("1 seeds failed") && stderr.contains("seed 0: cannot write"), "{stderr}");
 }
