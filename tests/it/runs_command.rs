@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 
 use crate::sandbox::Sandbox;
+use crate::stops::Training;
 
 /// How long something that takes an instant is waited for.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -87,10 +88,8 @@ fn every_state_is_told() {
 #[test]
 fn a_live_run_is_told_from_a_killed_one() {
     let sandbox = Sandbox::new();
-    let mut training = sandbox
-        .command("train --config ppo.yaml --level a.yaml --timesteps 1000000000 --quiet")
-        .spawn()
-        .expect("the program starts");
+    let training = "train --config ppo.yaml --level a.yaml --timesteps 1000000000 --quiet";
+    let training = Training::begin(&sandbox, training);
     let since = Instant::now();
     let live = loop {
         assert!(since.elapsed() < PATIENCE, "no sign of life");
@@ -102,8 +101,7 @@ fn a_live_run_is_told_from_a_killed_one() {
     };
     assert_eq!((&live["status"], &live["stage"]), (&json!("running"), &json!(0)));
     assert!(live["progress"].as_f64().expect("a number") < 0.5);
-    training.kill().expect("it runs");
-    training.wait().expect("it is ours");
+    drop(training);
     assert_eq!(sandbox.json("runs")["runs"][0]["status"], "killed");
 }
 
