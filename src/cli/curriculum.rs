@@ -10,7 +10,7 @@ use super::training::{TrainingArgs, carry_out, conclude};
 use crate::agent::Stage;
 use crate::curriculum::Curriculum;
 use crate::error::UserError;
-use crate::messages::Verbosity;
+use crate::messages::{Verbosity, past_bars};
 use crate::report::study::{Planned, after_stage, matrix};
 use crate::report::{Format, Table, render};
 use crate::run::evaluations::{self, Row};
@@ -41,7 +41,8 @@ impl CurriculumArgs {
         let config = self.training.config()?;
         let curriculum = Curriculum::sequence(parse_levels(&self.levels)?, config.timesteps)
             .map_err(|problem| UserError::new(format!("--levels: {problem}")))?;
-        let experiment = self.training.experiment(config, curriculum, "curriculum")?;
+        let experiments = [self.training.experiment(config, curriculum, "curriculum")?];
+        let [experiment] = &experiments;
         let max_steps = experiment.config.max_steps;
         let planned: Vec<Planned> =
             experiment.curriculum.levels.iter().map(|level| Planned::new(level, max_steps)).collect();
@@ -58,18 +59,19 @@ impl CurriculumArgs {
 
         // People see the study's table as soon as its stage has ended for all seeds; programs get all tables at once.
         let mut waiting = if self.format == Format::Table { experiment.seeds.len() } else { usize::MAX };
-        let outcome = carry_out(&experiment, verbosity, |event| {
+        let outcomes = carry_out(&experiments, self.training.jobs(), verbosity, |event| {
             if let Event::StageDone { stage, .. } = event
                 && Some(*stage) == study
             {
                 waiting -= 1;
                 if waiting == 0 {
-                    print_now(&study_table(*stage, &written(&experiment)));
+                    print_now(&study_table(*stage, &written(experiment)));
                 }
             }
         })?;
 
-        let runs: Vec<Vec<Row>> = outcome.finished.iter().map(|run| run.evaluations.clone()).collect();
+        let finished = outcomes.iter().flat_map(|outcome| &outcome.finished);
+        let runs: Vec<Vec<Row>> = finished.map(|run| run.evaluations.clone()).collect();
         let mut printed = Ok(());
         if !runs.is_empty() {
             let late = study.filter(|_| waiting > 0).map(|stage| study_table(stage, &runs));
@@ -78,7 +80,7 @@ impl CurriculumArgs {
             tables.push(matrix(&experiment.curriculum, &runs, &planned));
             printed = write_stdout(&render(&tables, self.format));
         }
-        conclude(&experiment, verbosity, &outcome, printed)
+        conclude(&experiments, &outcomes, printed)
     }
 }
 
@@ -96,7 +98,7 @@ fn written(experiment: &Experiment) -> Vec<Vec<Row>> {
 
 /// Prints a table while the training goes on, which it must not end.
 fn print_now(table: &Table) {
-    if let Err(error) = write_stdout(&(table.render(Format::Table) + "\n")) {
+    if let Err(error) = past_bars(|| write_stdout(&(table.render(Format::Table) + "\n"))) {
         warn!("cannot print the study's table: {error:#}");
     }
 }

@@ -62,17 +62,21 @@ impl Cli {
 
 /// The process's exit code for an error: 2 where the user's input is wrong, 130 after a signal, 1 for anything else.
 pub fn exit_code(error: &anyhow::Error) -> u8 {
-    let of_user = |e: &(dyn std::error::Error + 'static)| {
+    if error.chain().any(|e| e.is::<Interrupted>()) {
+        return 130;
+    }
+    if is_of_user(error) { 2 } else { 1 }
+}
+
+/// Whether the user's input is wrong.
+fn is_of_user(error: &anyhow::Error) -> bool {
+    error.chain().any(|e| {
         e.is::<UserError>()
             || e.is::<ConfigError>()
             || e.is::<LevelError>()
             || e.is::<PlanError>()
             || e.is::<CheckpointError>()
-    };
-    if error.chain().any(|e| e.is::<Interrupted>()) {
-        return 130;
-    }
-    if error.chain().any(of_user) { 2 } else { 1 }
+    })
 }
 
 /// The subcommands.

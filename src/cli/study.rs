@@ -1,20 +1,23 @@
 //! `cpp-rl study`.
 
+use std::collections::BTreeMap;
+use std::iter::repeat;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use clap::Args;
+use indicatif::HumanDuration;
 
 use super::training::{LaunchArgs, carry_out, conclude};
 use super::{Seeds, default_out};
 use crate::config::Config;
 use crate::curriculum::Curriculum;
-use crate::error::Interrupted;
 use crate::messages::{Verbosity, tell};
 use crate::run::manifest::Manifest;
 use crate::study::{Study, measure_rate};
-use crate::training::Experiment;
+use crate::training::progress::count_seeds;
+use crate::training::{Experiment, Work, queue, seconds_until_done};
 
 /// Train every arm of a study, through its levels and on each of them afresh.
 #[derive(Debug, Args)]
@@ -39,7 +42,7 @@ pub struct StudyArgs {
 }
 
 impl StudyArgs {
-    /// Says how long it will take, then trains one experiment after another; a seed that fails keeps no other from
+    /// Says how long it will take, then trains all experiments from one queue; a seed that fails keeps no other from
     /// training.
     ///
     /// # Errors
@@ -59,56 +62,59 @@ impl StudyArgs {
         if self.estimate {
             return Ok(());
         }
-        let mut failures = Vec::new();
-        for (i, experiment) in experiments.iter().enumerate() {
-            let (arm, curriculum) = (&experiment.config.name, &experiment.curriculum.name);
-            tell(format_args!("{} of {}: {arm}, {curriculum}", i + 1, experiments.len()));
-            let outcome = carry_out(experiment, verbosity, |_| {})?;
-            match conclude(experiment, verbosity, &outcome, Ok(())) {
-                Err(error) if error.is::<Interrupted>() => return Err(error),
-                Err(error) => failures.push(format!("{arm}, {curriculum}: {error:#}")),
-                Ok(()) => {}
-            }
-        }
+        let outcomes = carry_out(&experiments, self.launch.jobs(), verbosity, |_| {})?;
         let out = self.launch.out(&out);
-        tell(format_args!("the report: cpp-rl compare {0} --out {0}/report", out.display()));
-        if failures.is_empty() { Ok(()) } else { Err(anyhow!(failures.join("\n"))) }
+        if outcomes.iter().any(|outcome| !outcome.finished.is_empty()) {
+            tell(format_args!("the report: cpp-rl compare {0} --out {0}/report", out.display()));
+        }
+        conclude(&experiments, &outcomes, Ok(()))
     }
 
     /// Tells what is to be trained, and for how long, by a short trial of each arm's speed.
     fn say_what_is_left(&self, study: &Study, experiments: &[Experiment]) -> Result<()> {
-        let (mut timesteps, mut seconds, mut rates) = (0, 0.0, Vec::new());
-        for arm in &study.arms {
-            let of_arm = experiments.iter().filter(|experiment| experiment.config.name == arm.config.name);
-            let left: u64 = of_arm.map(timesteps_left).sum();
-            if left == 0 {
-                continue;
-            }
-            let rate = measure_rate(&arm.config, &study.levels[0], self.launch.backend(&arm.config)?);
-            timesteps += left;
-            seconds += left as f64 / rate;
-            rates.push(format!("{} {rate:.0}", arm.config.name));
-        }
         let jobs = self.launch.jobs();
-        let time = indicatif::HumanDuration(Duration::from_secs_f64(seconds / jobs as f64));
+        let queue: Vec<(&Config, u64)> = queue(experiments, jobs)
+            .into_iter()
+            .map(|Work { experiment, seeds }| {
+                let experiment = &experiments[experiment];
+                (&experiment.config, seeds.iter().map(|&seed| timesteps_left(experiment, seed)).sum::<u64>())
+            })
+            .collect();
+        let mut rates = BTreeMap::new();
+        for arm in &study.arms {
+            let name = arm.config.name.as_str();
+            if queue.iter().any(|(config, left)| config.name == name && *left > 0) {
+                let rate = measure_rate(&arm.config, &study.levels[0], self.launch.backend(&arm.config)?);
+                rates.insert(name, rate);
+            }
+        }
+        // Stacked seeds are reckoned one after another, which is more than they take.
+        let seconds = queue.iter().map(|(config, left)| match rates.get(config.name.as_str()) {
+            Some(rate) => *left as f64 / rate,
+            None => 0.0,
+        });
+        let time = HumanDuration(Duration::from_secs_f64(seconds_until_done(seconds, jobs)));
+        let timesteps: u64 = queue.iter().map(|(_, left)| left).sum();
+        let rates: Vec<String> = rates.iter().map(|(name, rate)| format!("{name} {rate:.0}")).collect();
         tell(format_args!(
-            "{}: {} experiments of {} seeds, {timesteps} timesteps to go: about {time} on {jobs} threads (timesteps/s of \
+            "{}: {} experiments of {}, {timesteps} timesteps to go: about {time} on {jobs} threads (timesteps/s of \
              one: {})",
             study.name,
             experiments.len(),
-            experiments.first().map_or(0, |experiment| experiment.seeds.len()),
+            count_seeds(experiments.first().map_or(0, |experiment| experiment.seeds.len())),
             if rates.is_empty() { "nothing is left".to_owned() } else { rates.join(", ") }
         ));
         Ok(())
     }
 }
 
-/// Timesteps of an experiment's stages that no run has finished yet.
-fn timesteps_left(experiment: &Experiment) -> u64 {
-    let of_seed = |&seed: &u64| {
-        let manifest = Manifest::read(&experiment.run_path(seed)).ok().filter(|_| experiment.resume);
-        let done = manifest.map_or(0, |manifest| usize::from(manifest.stages_done));
-        experiment.curriculum.stages.iter().skip(done).map(|stage| stage.timesteps).sum::<u64>()
-    };
-    experiment.seeds.iter().map(of_seed).sum()
+/// Timesteps that a seed has still to do, of stages which it has not finished or which are to become longer.
+fn timesteps_left(experiment: &Experiment, seed: u64) -> u64 {
+    let manifest = Manifest::read(&experiment.run_path(seed)).ok().filter(|_| experiment.resume);
+    let finished = manifest.map_or_else(Vec::new, |manifest| {
+        let finished = manifest.stages.iter().take(manifest.stages_done.into());
+        finished.map(|stage| stage.timesteps).collect()
+    });
+    let done = finished.into_iter().chain(repeat(0));
+    experiment.curriculum.stages.iter().zip(done).map(|(stage, done)| stage.timesteps.saturating_sub(done)).sum()
 }

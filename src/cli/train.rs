@@ -33,12 +33,13 @@ impl TrainArgs {
     pub fn run(&self, verbosity: Verbosity) -> Result<()> {
         let config = self.training.config()?;
         let curriculum = Curriculum::single(Level::resolve(&self.level)?, config.timesteps);
-        let experiment = self.training.experiment(config, curriculum, "train")?;
-        let outcome = carry_out(&experiment, verbosity, |_| {})?;
+        let experiments = [self.training.experiment(config, curriculum, "train")?];
+        let outcomes = carry_out(&experiments, self.training.jobs(), verbosity, |_| {})?;
+        let [experiment] = &experiments;
         let level = experiment.curriculum.levels[0].name();
-        let evaluations: Vec<Evaluation> = outcome
-            .finished
+        let evaluations: Vec<Evaluation> = outcomes
             .iter()
+            .flat_map(|outcome| &outcome.finished)
             .map(|run| Evaluation {
                 policy: experiment.config.name.clone(),
                 run: Some(run.path.display().to_string()),
@@ -48,6 +49,6 @@ impl TrainArgs {
             })
             .collect();
         let printed = print_evaluations(&evaluations, self.format);
-        conclude(&experiment, verbosity, &outcome, printed)
+        conclude(&experiments, &outcomes, printed)
     }
 }

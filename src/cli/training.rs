@@ -1,5 +1,6 @@
-//! What `train`, `curriculum` and `study` share: their arguments, and carrying an experiment out.
+//! What `train`, `curriculum` and `study` share: their arguments, and carrying experiments out.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -9,7 +10,7 @@ use serde_json::Value;
 use tch::Device;
 use tracing::warn;
 
-use super::{Seeds, signals};
+use super::{Seeds, is_of_user, signals};
 use crate::agent::Backend;
 use crate::config::{self, Config};
 use crate::curriculum::Curriculum;
@@ -17,9 +18,9 @@ use crate::dose::Dose;
 use crate::error::{Interrupted, UserError};
 use crate::messages::{Verbosity, tell};
 use crate::run::manifest::Manifest;
-use crate::training::progress::Progress;
+use crate::training::progress::{Progress, count_seeds};
 use crate::training::saving::Saving;
-use crate::training::{Event, Experiment, Outcome, progress};
+use crate::training::{self, Event, Experiment, Outcome, run_label};
 
 /// Arguments of a training of one arm.
 #[derive(Clone, Debug, Args)]
@@ -98,12 +99,17 @@ impl TrainingArgs {
         Ok(config::resolve(self.algo.as_deref(), self.config.as_deref(), &self.set, self.timesteps)?)
     }
 
-    /// The experiment that these arguments describe; from here on signals ask it to stop.
+    /// The experiment that these arguments describe.
     ///
     /// # Errors
     /// Those of [`LaunchArgs::experiment`].
     pub fn experiment(&self, config: Config, curriculum: Curriculum, command: &str) -> Result<Experiment> {
         self.launch.experiment(config, curriculum, &self.seeds.0, &super::default_out(command))
+    }
+
+    /// Threads that train.
+    pub fn jobs(&self) -> usize {
+        self.launch.jobs()
     }
 }
 
@@ -131,7 +137,7 @@ impl LaunchArgs {
         Ok(Backend::choose(config.kernel, self.device).map_err(UserError::new)?)
     }
 
-    /// An experiment; from here on signals ask it to stop.
+    /// An experiment.
     ///
     /// # Errors
     /// A device that is not there or does not suit the kernel, and a network too large for any machine.
@@ -160,12 +166,10 @@ impl LaunchArgs {
             curriculum,
             seeds: seeds.to_vec(),
             out: self.out(default_out),
-            jobs: self.jobs(),
             backend,
             resume: self.resume,
             plasticity_interval: self.plasticity_interval,
             saving: self.saving(),
-            stop: signals::stop()?,
             command: std::env::args().collect(),
         })
     }
@@ -174,73 +178,100 @@ impl LaunchArgs {
 /// What `--checkpoint-minutes` is where nothing says how often to save.
 const SAVING_INTERVAL: Duration = Duration::from_secs(120);
 
-/// Trains, showing progress; `on_event` sees every event first and may print to stdout.
+/// Trains, showing progress, and says how each experiment ended; `on_event` sees every event first. From here on signals
+/// ask it to stop.
 ///
 /// # Errors
-/// What kept the experiment from starting.
-pub fn carry_out(experiment: &Experiment, verbosity: Verbosity, mut on_event: impl FnMut(&Event)) -> Result<Outcome> {
-    let mut progress = Progress::new(experiment, verbosity);
-    if verbosity == Verbosity::Verbose {
-        tell(experiment.config.to_yaml().trim_end());
-    }
-    let dose = Dose::new(&experiment.config, &experiment.curriculum, &Value::Null);
-    if let Some(line) = dose.line().filter(|_| verbosity != Verbosity::Quiet) {
-        tell(line);
-    }
-    let outcome = experiment.run(|event| {
-        progress.suspend(|| on_event(&event));
-        progress.show(event);
-    });
+/// What kept the experiments from starting.
+pub fn carry_out(
+    experiments: &[Experiment],
+    jobs: usize,
+    verbosity: Verbosity,
+    mut on_event: impl FnMut(&Event),
+) -> Result<Vec<Outcome>> {
+    let stop = signals::stop()?;
+    say_what_they_are(experiments, verbosity);
+    let mut progress = Progress::new(experiments, verbosity);
+    let on_event = |experiment, event| {
+        on_event(&event);
+        progress.show(experiment, event);
+    };
+    let on_end = |i: usize, outcome: &Outcome| say_how_it_ended(&experiments[i], outcome);
+    let outcomes = training::train(experiments, jobs, &stop, on_event, on_end);
     progress.finish();
-    outcome
+    outcomes
 }
 
-/// Says where the runs are, and turns failed and interrupted seeds into an error; `printed` is what became of the results
-/// that were printed before.
+/// The settings, if more is to be shown, and what is known of the dose; once where experiments have them in common.
+fn say_what_they_are(experiments: &[Experiment], verbosity: Verbosity) {
+    let mut said = BTreeSet::new();
+    for Experiment { config, curriculum, .. } in experiments {
+        let settings = (verbosity == Verbosity::Verbose).then(|| config.to_yaml().trim_end().to_owned());
+        let dose = Dose::new(config, curriculum, &Value::Null).line();
+        let dose = dose.map(|line| if experiments.len() > 1 { format!("{}: {line}", config.name) } else { line });
+        for text in settings.into_iter().chain(dose) {
+            if !said.contains(&text) {
+                tell(&text);
+                said.insert(text);
+            }
+        }
+    }
+}
+
+/// Says where the runs are, and what the L2 penalty of those that finished amounted to.
+fn say_how_it_ended(experiment: &Experiment, outcome: &Outcome) {
+    let (finished, seeds) = (outcome.finished.len(), experiment.seeds.len());
+    tell(format_args!("{finished} of {seeds} seeds finished in {}", experiment.folder().display()));
+    measured_dose(outcome).iter().for_each(tell);
+}
+
+/// Turns failed and interrupted seeds into an error; `printed` is what became of the results that were printed before.
 ///
 /// # Errors
 /// Names every seed that failed, and says how to go on with those that a signal stopped; that results could not be
 /// printed comes first, and changes nothing of it.
-pub fn conclude(experiment: &Experiment, verbosity: Verbosity, outcome: &Outcome, printed: Result<()>) -> Result<()> {
-    let concluded = say_how_it_ended(experiment, verbosity, outcome);
-    match (printed, concluded) {
+pub fn conclude(experiments: &[Experiment], outcomes: &[Outcome], printed: Result<()>) -> Result<()> {
+    match (printed, problems(experiments, outcomes)) {
         (Err(unprinted), Err(error)) => Err(error.context(format!("{unprinted:#}"))),
         (printed, concluded) => printed.and(concluded),
     }
 }
 
-fn say_how_it_ended(experiment: &Experiment, verbosity: Verbosity, outcome: &Outcome) -> Result<()> {
-    let place = experiment.out.join(&experiment.config.name).join(&experiment.curriculum.name);
-    if verbosity != Verbosity::Quiet {
-        measured_dose(outcome).iter().for_each(tell);
-        let (finished, seeds) = (outcome.finished.len(), experiment.seeds.len());
-        tell(format_args!("{finished} of {seeds} seeds finished in {}", place.display()));
-    }
+fn problems(experiments: &[Experiment], outcomes: &[Outcome]) -> Result<()> {
     let mut problems = Vec::new();
-    if !outcome.failed.is_empty() {
-        let each = outcome.failed.iter().map(|(seed, why)| format!("  seed {seed}: {why:#}"));
-        let failed = progress::count_seeds(outcome.failed.len());
-        problems.push(format!("{failed} failed:\n{}", each.collect::<Vec<_>>().join("\n")));
+    let mut failures = Vec::new();
+    for (i, outcome) in outcomes.iter().enumerate() {
+        for (seed, why) in &outcome.failed {
+            failures.push(format!("  {}: {why:#}", run_label(experiments, i, *seed)));
+        }
     }
-    let waiting = experiment.seeds.len() - outcome.finished.len() - outcome.failed.len();
+    if !failures.is_empty() {
+        problems.push(format!("{} failed:\n{}", count_seeds(failures.len()), failures.join("\n")));
+    }
+    let seeds: usize = experiments.iter().map(|experiment| experiment.seeds.len()).sum();
+    let finished: usize = outcomes.iter().map(|outcome| outcome.finished.len()).sum();
+    let waiting = seeds - finished - failures.len();
     if waiting > 0 {
-        let saved = outcome.interrupted.len();
+        let saved: usize = outcomes.iter().map(|outcome| outcome.interrupted.len()).sum();
+        let (place, command) = match experiments {
+            [experiment] => (experiment.folder(), &experiment.command),
+            several => (several[0].out.clone(), &several[0].command),
+        };
         problems.push(format!(
             "interrupted: {} saved in {}, {} not begun; go on with\n  {}",
-            progress::count_seeds(saved),
+            count_seeds(saved),
             place.display(),
             waiting - saved,
-            resuming(&experiment.command)
+            resuming(command)
         ));
         return Err(Interrupted(problems.join("\n")).into());
     }
-    match problems.join("\n") {
-        none if none.is_empty() => Ok(()),
-        all if outcome.failed.iter().all(|(_, why)| why.root_cause().is::<UserError>()) => {
-            Err(UserError::new(all).into())
-        }
-        all => Err(anyhow!(all)),
+    if problems.is_empty() {
+        return Ok(());
     }
+    let mut failed = outcomes.iter().flat_map(|outcome| &outcome.failed);
+    let message = problems.join("\n");
+    if failed.all(|(_, why)| is_of_user(why)) { Err(UserError::new(message).into()) } else { Err(anyhow!(message)) }
 }
 
 /// The command line that goes on with what this one began, for a POSIX shell.

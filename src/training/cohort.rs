@@ -1,12 +1,11 @@
 //! Seeds that train on one thread: opened, trained stage by stage, saved on the way.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::mpsc::Sender;
 
 use anyhow::{Error, Result, anyhow};
 
 use super::saving::SinceSaved;
-use super::{Event, Experiment, FinishedRun, Outcome};
+use super::{Event, Experiment, FinishedRun, Link, Outcome};
 use crate::agent::network::Network;
 use crate::agent::snapshot::Snapshot;
 use crate::agent::state::AgentState;
@@ -19,21 +18,21 @@ use crate::run::evaluations::Phase;
 use crate::run::{Opened, RunDir, Standing};
 
 /// Takes these seeds up where they stand and trains them to their end, or until a stop is requested.
-pub(super) fn train(experiment: &Experiment, seeds: &[u64], events: &Sender<Event>) -> Outcome {
+pub(super) fn train(experiment: &Experiment, seeds: &[u64], link: &Link<'_>) -> Outcome {
     let mut outcome = Outcome::default();
     let mut cohorts: Vec<Cohort<'_>> = Vec::new();
     for &seed in seeds {
-        match guarded(|| Run::open(experiment, seed, events)) {
+        match guarded(|| Run::open(experiment, seed, link)) {
             Ok(Taken::Finished(run)) => {
-                let _ = events.send(Event::AlreadyFinished { seed });
+                link.tell(Event::AlreadyFinished { seed });
                 outcome.finished.push(run);
             }
             Ok(Taken::Run(run)) => match cohorts.iter_mut().find(|cohort| cohort.runs[0].place() == run.place()) {
                 Some(cohort) => cohort.runs.push(*run),
-                None => cohorts.push(Cohort { experiment, events, runs: vec![*run] }),
+                None => cohorts.push(Cohort { experiment, link, runs: vec![*run] }),
             },
             Err(error) => {
-                let _ = events.send(Event::Failed { seed, why: format!("{error:#}") });
+                link.tell(Event::Failed { seed, why: format!("{error:#}") });
                 outcome.failed.push((seed, error));
             }
         }
@@ -64,7 +63,7 @@ fn guarded<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
 /// Runs that advance together: they stand at the same timestep of the same stage.
 struct Cohort<'a> {
     experiment: &'a Experiment,
-    events: &'a Sender<Event>,
+    link: &'a Link<'a>,
     runs: Vec<Run>,
 }
 
@@ -95,10 +94,10 @@ enum Stopped {
 }
 
 impl Run {
-    fn open(experiment: &Experiment, seed: u64, events: &Sender<Event>) -> Result<Taken> {
+    fn open(experiment: &Experiment, seed: u64, link: &Link<'_>) -> Result<Taken> {
         let Opened { dir, standing, notices } = RunDir::open(&experiment.run_path(seed), &experiment.plan(seed))?;
         for what in notices {
-            let _ = events.send(Event::Notice { seed, what });
+            link.tell(Event::Notice { seed, what });
         }
         let mut dose = Dose::new(&experiment.config, &experiment.curriculum, dir.dose());
         dose.go_on(dir.stages_done(), Default::default());
@@ -113,7 +112,7 @@ impl Run {
             }
         };
         if timesteps > 0 {
-            let _ = events.send(Event::Resumed { seed, timesteps });
+            link.tell(Event::Resumed { seed, timesteps });
         }
         let updates = agent.counters.updates as f64;
         Ok(Taken::Run(Box::new(Self { seed, dir, agent, snapshot, dose, updates, failure: None })))
@@ -127,7 +126,7 @@ impl Run {
     }
 
     /// Does something with the run, unless it has failed; an error is its failure.
-    fn attempt(&mut self, events: &Sender<Event>, what: impl FnOnce(&mut Self) -> Result<()>) {
+    fn attempt(&mut self, link: &Link<'_>, what: impl FnOnce(&mut Self) -> Result<()>) {
         if self.failure.is_some() {
             return;
         }
@@ -135,13 +134,13 @@ impl Run {
             let why = format!("{error:#}");
             // The manifest may be what cannot be written; the failure is reported all the same.
             let _ = self.dir.fail(&why);
-            let _ = events.send(Event::Failed { seed: self.seed, why });
+            link.tell(Event::Failed { seed: self.seed, why });
             self.failure = Some(error);
         }
     }
 
     /// Takes in a row of the log.
-    fn log(&mut self, stage: &Stage, timesteps: u64, row: &Metrics, events: &Sender<Event>) -> Result<()> {
+    fn log(&mut self, stage: &Stage, timesteps: u64, row: &Metrics, link: &Link<'_>) -> Result<()> {
         let cumulative = self.agent.counters.timesteps + timesteps;
         check_finite(row, self.updates).map_err(|what| {
             let newest = self.dir.newest_checkpoint().map_or("none yet".to_owned(), |file| file.display().to_string());
@@ -155,7 +154,7 @@ impl Run {
         self.dose.measure(row);
         self.dir.log(stage, timesteps, cumulative, row)?;
         let (seed, stage, mean_return) = (self.seed, stage.index, value(row, "rollout/ep_rew_mean"));
-        let _ = events.send(Event::Progress { seed, stage, timesteps: cumulative, mean_return });
+        link.tell(Event::Progress { seed, stage, timesteps: cumulative, mean_return });
         Ok(())
     }
 
@@ -180,7 +179,7 @@ impl Cohort<'_> {
             together.len(),
             together.join(", ")
         );
-        let _ = self.events.send(Event::Notice { seed: first.seed, what });
+        self.link.tell(Event::Notice { seed: first.seed, what });
     }
 
     /// Trains all stages that are left.
@@ -199,20 +198,20 @@ impl Cohort<'_> {
         for stage in &self.experiment.curriculum.stages[usize::from(first)..] {
             let stage = Stage { horizon: horizon.unwrap_or(stage.horizon), ..stage.clone() };
             if self.train_stage(&stage) == Stopped::BySignal {
-                self.each(|_, events, run| {
+                self.each(|_, link, run| {
                     run.dir.interrupt()?;
-                    let _ = events.send(Event::Interrupted { seed: run.seed });
+                    link.tell(Event::Interrupted { seed: run.seed });
                     Ok(())
                 });
                 return Stopped::BySignal;
             }
-            self.each(|experiment, events, run| {
+            self.each(|experiment, link, run| {
                 let results = evaluate_all(experiment, &network, &run.agent);
                 run.dir.evaluated(Phase::After, stage.index, run.agent.counters.timesteps, &results)?;
                 run.dose.end_stage(&run.agent.parameters);
                 let dose = run.dose.to_json();
                 run.dir.finish_stage(&stage, &run.agent, dose)?;
-                let _ = events.send(Event::StageDone { seed: run.seed, stage: stage.index });
+                link.tell(Event::StageDone { seed: run.seed, stage: stage.index });
                 Ok(())
             });
         }
@@ -220,7 +219,7 @@ impl Cohort<'_> {
     }
 
     fn train_stage(&mut self, stage: &Stage) -> Stopped {
-        let Self { experiment, events, .. } = *self;
+        let Self { experiment, link, .. } = *self;
         let config = &experiment.config;
         let snapshot = |run: &mut Run| {
             let beginning = || Snapshot::beginning(config, stage, run.agent.clone());
@@ -241,7 +240,7 @@ impl Cohort<'_> {
         let mut since = SinceSaved::new();
         let mut saved_at = learner.timesteps();
         while learner.timesteps() < stage.timesteps && self.runs.iter().any(|run| run.failure.is_none()) {
-            let stop = experiment.stop.is_requested();
+            let stop = link.is_stop_requested();
             if stop && saved_at < learner.timesteps() {
                 self.save(stage, &*learner);
             }
@@ -251,8 +250,8 @@ impl Cohort<'_> {
             let measured = monitor.as_ref().and_then(|monitor| monitor.before(&*learner, self.runs.len()));
             let rows = learner.advance();
             for (s, (run, row)) in self.runs.iter_mut().zip(&rows).enumerate() {
-                run.attempt(events, |run| {
-                    run.log(stage, learner.timesteps(), row, events)?;
+                run.attempt(link, |run| {
+                    run.log(stage, learner.timesteps(), row, link)?;
                     let Some(measured) = &measured else { return Ok(()) };
                     let measurement = measured.after(&*learner, s, value(row, "train/grad_norm"));
                     run.log_plasticity(stage, learner.timesteps(), &measurement)
@@ -275,14 +274,14 @@ impl Cohort<'_> {
 
     fn save(&mut self, stage: &Stage, learner: &dyn agent::Learner) {
         for (s, run) in self.runs.iter_mut().enumerate() {
-            run.attempt(self.events, |run| run.dir.save(stage, learner.snapshot(s), run.dose.stage()));
+            run.attempt(self.link, |run| run.dir.save(stage, learner.snapshot(s), run.dose.stage()));
         }
     }
 
     /// Does something with each run that has not failed.
-    fn each(&mut self, what: impl Fn(&Experiment, &Sender<Event>, &mut Run) -> Result<()>) {
+    fn each(&mut self, what: impl Fn(&Experiment, &Link<'_>, &mut Run) -> Result<()>) {
         for run in &mut self.runs {
-            run.attempt(self.events, |run| what(self.experiment, self.events, run));
+            run.attempt(self.link, |run| what(self.experiment, self.link, run));
         }
     }
 

@@ -1,14 +1,16 @@
-//! The loop: train a stage, evaluate on all levels, checkpoint; for every seed, on as many threads as there are jobs.
+//! The loop: train a stage, evaluate on all levels, checkpoint; for every seed of every experiment, on as many threads as
+//! there are jobs.
 
 mod cohort;
 pub mod progress;
+mod queue;
 pub mod saving;
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
-use std::sync::Mutex;
-use std::sync::mpsc::channel;
-use std::thread;
+use std::sync::mpsc::{Sender, channel};
+use std::sync::{Mutex, PoisonError};
+use std::thread::{self, ScopedJoinHandle};
 
 use anyhow::{Error, Result, anyhow};
 use coverage_env::Level;
@@ -25,7 +27,9 @@ use crate::run::manifest::{self, Host, Manifest, StageEntry, Status, Versions, n
 use crate::run::{Plan, RunDir};
 use saving::{Saving, Stop};
 
-/// Everything that one start of training needs.
+pub use queue::{Work, queue, seconds_until_done};
+
+/// What is trained, for each of its seeds.
 #[derive(Clone, Debug)]
 pub struct Experiment {
     /// The settings of every run.
@@ -36,8 +40,6 @@ pub struct Experiment {
     pub seeds: Vec<u64>,
     /// The experiment's folder.
     pub out: PathBuf,
-    /// Threads that train.
-    pub jobs: usize,
     /// How networks are computed.
     pub backend: Backend,
     /// Whether runs that are there already go on.
@@ -46,8 +48,6 @@ pub struct Experiment {
     pub plasticity_interval: u64,
     /// How often running stages are saved.
     pub saving: Saving,
-    /// Asks for an early end.
-    pub stop: Stop,
     /// The command as it was typed, for the manifest.
     pub command: Vec<String>,
 }
@@ -106,10 +106,10 @@ pub enum Event {
     },
 }
 
-/// What an experiment left.
+/// What an experiment left, each list in the order of the seeds.
 #[derive(Debug, Default)]
 pub struct Outcome {
-    /// The runs whose stages are all done, in the order of the seeds.
+    /// The runs whose stages are all done.
     pub finished: Vec<FinishedRun>,
     /// The seeds that were saved before their end, since a stop was requested.
     pub interrupted: Vec<u64>,
@@ -128,49 +128,107 @@ pub struct FinishedRun {
     pub evaluations: Vec<Row>,
 }
 
-impl Experiment {
-    /// The directory of a seed's run.
-    pub fn run_path(&self, seed: u64) -> PathBuf {
-        self.out.join(&self.config.name).join(&self.curriculum.name).join(format!("seed-{seed}"))
+/// Trains all seeds of all experiments from one queue, on as many threads as there are jobs; `on_event` and `on_end`,
+/// which is told of each experiment that has ended, are called on this thread with the experiment's place in the list.
+///
+/// # Errors
+/// What keeps runs from starting at all. A seed that fails later is part of the outcome; the others go on.
+pub fn train(
+    experiments: &[Experiment],
+    jobs: usize,
+    stop: &Stop,
+    mut on_event: impl FnMut(usize, Event),
+    mut on_end: impl FnMut(usize, &Outcome),
+) -> Result<Vec<Outcome>> {
+    tch::set_num_threads(1);
+    allow_open_files();
+    for experiment in experiments {
+        let look = |&seed: &u64| RunDir::look(&experiment.run_path(seed), &experiment.plan(seed));
+        experiment.seeds.iter().try_for_each(look)?;
+    }
+    let queue = queue(experiments, jobs);
+    let mut left = vec![0; experiments.len()];
+    queue.iter().for_each(|work| left[work.experiment] += 1);
+    // Directories are opened when their turn comes, since a process can have only so many files open.
+    let queue = Mutex::new(VecDeque::from(queue));
+    let next = || queue.lock().unwrap_or_else(PoisonError::into_inner).pop_front();
+    let mut outcomes: Vec<Outcome> = experiments.iter().map(|_| Outcome::default()).collect();
+    let (news, received) = channel();
+    thread::scope(|scope| -> Result<()> {
+        let worker = |_| {
+            let (news, next) = (news.clone(), &next);
+            scope.spawn(move || {
+                while let Some(Work { experiment, seeds }) = next().filter(|_| !stop.is_requested()) {
+                    let link = Link { experiment, news: &news, stop };
+                    let outcome = cohort::train(&experiments[experiment], seeds, &link);
+                    link.send(News::Ended(outcome));
+                }
+            })
+        };
+        let workers: Vec<_> = (0..jobs).map(worker).collect();
+        drop(news);
+        for (i, news) in received {
+            match news {
+                News::Event(event) => on_event(i, event),
+                News::Ended(outcome) => {
+                    outcomes[i].extend(outcome);
+                    left[i] -= 1;
+                    if left[i] == 0 {
+                        on_end(i, &outcomes[i]);
+                    }
+                }
+            }
+        }
+        let joined = workers.into_iter().try_for_each(ScopedJoinHandle::join);
+        joined.map_err(|_| anyhow!("a training thread panicked: please report this"))
+    })?;
+    Ok(outcomes)
+}
+
+/// What a thread that trains tells and is told.
+struct Link<'a> {
+    /// The experiment that it is at.
+    experiment: usize,
+    news: &'a Sender<(usize, News)>,
+    stop: &'a Stop,
+}
+
+/// What a thread tells.
+enum News {
+    Event(Event),
+    /// A cohort's training has ended.
+    Ended(Outcome),
+}
+
+impl Link<'_> {
+    fn tell(&self, event: Event) {
+        self.send(News::Event(event));
     }
 
-    /// Trains all seeds; `on_event` is called on this thread.
-    ///
-    /// # Errors
-    /// What keeps runs from starting at all. A seed that fails later is part of the outcome; the others go on.
-    pub fn run(&self, mut on_event: impl FnMut(Event)) -> Result<Outcome> {
-        tch::set_num_threads(1);
-        allow_open_files();
-        self.seeds.iter().try_for_each(|&seed| RunDir::look(&self.run_path(seed), &self.plan(seed)))?;
-        // Directories are opened when their turn comes, since a process can have only so many files open.
-        let cohorts: VecDeque<&[u64]> = self.seeds.chunks(self.cohort_size()).collect();
-        let cohorts = Mutex::new(cohorts);
-        let next = || cohorts.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).pop_front();
-        let mut outcome = Outcome::default();
-        let (events, received) = channel();
-        thread::scope(|scope| -> Result<()> {
-            let worker = |_| {
-                let (events, next) = (events.clone(), &next);
-                scope.spawn(move || {
-                    let mut outcome = Outcome::default();
-                    while let Some(seeds) = next().filter(|_| !self.stop.is_requested()) {
-                        outcome.extend(cohort::train(self, seeds, &events));
-                    }
-                    outcome
-                })
-            };
-            let workers: Vec<_> = (0..self.jobs).map(worker).collect();
-            drop(events);
-            received.iter().for_each(&mut on_event);
-            for worker in workers {
-                outcome.extend(worker.join().map_err(|_| anyhow!("a training thread panicked: please report this"))?);
-            }
-            Ok(())
-        })?;
-        outcome.finished.sort_by_key(|run| self.seeds.iter().position(|&seed| seed == run.seed));
-        outcome.interrupted.sort_unstable();
-        outcome.failed.sort_unstable_by_key(|(seed, _)| *seed);
-        Ok(outcome)
+    fn send(&self, news: News) {
+        // Nobody listens only where the thread that waits for this one has panicked.
+        let _ = self.news.send((self.experiment, news));
+    }
+
+    fn is_stop_requested(&self) -> bool {
+        self.stop.is_requested()
+    }
+}
+
+impl Experiment {
+    /// `ppo, level-0`: the arm and the curriculum.
+    pub fn label(&self) -> String {
+        format!("{}, {}", self.config.name, self.curriculum.name)
+    }
+
+    /// The experiment's own folder.
+    pub fn folder(&self) -> PathBuf {
+        self.out.join(&self.config.name).join(&self.curriculum.name)
+    }
+
+    /// The directory of a seed's run.
+    pub fn run_path(&self, seed: u64) -> PathBuf {
+        self.folder().join(format!("seed-{seed}"))
     }
 
     fn level(&self, stage: usize) -> &Level {
@@ -178,10 +236,10 @@ impl Experiment {
     }
 
     /// Seeds that train side by side: stacked ones share a thread's work, fused ones gain nothing from company.
-    fn cohort_size(&self) -> usize {
+    fn cohort_size(&self, jobs: usize) -> usize {
         match self.backend {
             Backend::Fused => 1,
-            Backend::Autograd(_) => self.seeds.len().div_ceil(self.jobs).max(1),
+            Backend::Autograd(_) => self.seeds.len().div_ceil(jobs).max(1),
         }
     }
 
@@ -240,11 +298,40 @@ fn allow_open_files() {
     let _ = setrlimit(Resource::Nofile, Rlimit { current: limit.maximum, ..limit });
 }
 
+#[cfg(test)]
+impl Experiment {
+    /// One that is never carried out.
+    fn example(curriculum: Curriculum, seeds: &[u64], backend: Backend) -> Self {
+        Self {
+            config: crate::config::resolve(Some("ppo"), None, &[], None).unwrap(),
+            curriculum,
+            seeds: seeds.to_vec(),
+            out: PathBuf::new(),
+            backend,
+            resume: false,
+            plasticity_interval: 0,
+            saving: Saving::default(),
+            command: Vec::new(),
+        }
+    }
+}
+
+/// `seed 3` where there is one experiment; `ppo, level-0, seed 3` where there are several.
+pub fn run_label(experiments: &[Experiment], experiment: usize, seed: u64) -> String {
+    match experiments {
+        [_] => format!("seed {seed}"),
+        several => format!("{}, seed {seed}", several[experiment].label()),
+    }
+}
+
 impl Outcome {
     fn extend(&mut self, other: Self) {
         self.finished.extend(other.finished);
+        self.finished.sort_by_key(|run| run.seed);
         self.interrupted.extend(other.interrupted);
+        self.interrupted.sort_unstable();
         self.failed.extend(other.failed);
+        self.failed.sort_by_key(|(seed, _)| *seed);
     }
 }
 

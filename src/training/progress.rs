@@ -6,33 +6,32 @@ use std::time::{Duration, Instant};
 use indicatif::{FormattedDuration, MultiProgress, ProgressBar, ProgressStyle};
 use tracing::{debug, error, info, warn};
 
-use super::{Event, Experiment};
+use super::{Event, Experiment, run_label};
 use crate::messages::{self, Verbosity};
 
-/// Up to this many seeds have a bar each; more share one.
+/// Up to this many seeds of one experiment have a bar each; more share one.
 const BARS: usize = 6;
 /// Seconds between two plain lines.
 const LINE_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Shows [`Event`]s on stderr.
-pub struct Progress {
+pub struct Progress<'a> {
     since: Instant,
-    /// Timesteps of one seed when everything is done.
-    per_seed: u64,
-    stages: usize,
-    num_seeds: usize,
-    /// The seeds that have begun.
-    seeds: BTreeMap<u64, SeedProgress>,
+    experiments: &'a [Experiment],
+    /// The runs that have begun, by experiment and seed.
+    runs: BTreeMap<(usize, u64), RunProgress>,
     view: View,
 }
 
 #[derive(Clone, Copy)]
-struct SeedProgress {
+struct RunProgress {
     /// When it was first heard of, and the timesteps done by then.
     first: (Instant, u64),
     /// Done by earlier starts.
     before: u64,
     timesteps: u64,
+    /// Timesteps when all its stages are done.
+    of: u64,
     stage: u16,
     mean_return: f64,
     failed: bool,
@@ -44,57 +43,51 @@ enum View {
     Bars { all: MultiProgress, total: ProgressBar, seeds: BTreeMap<u64, ProgressBar> },
 }
 
-impl Progress {
-    /// For one experiment.
-    pub fn new(experiment: &Experiment, verbosity: Verbosity) -> Self {
-        let (per_seed, num_seeds) = (experiment.curriculum.timesteps(), experiment.seeds.len());
-        let view =
-            if verbosity == Verbosity::Quiet { View::Quiet } else { View::of_stderr(per_seed * num_seeds as u64) };
-        Self {
-            since: Instant::now(),
-            per_seed,
-            stages: experiment.curriculum.stages.len(),
-            num_seeds,
-            seeds: BTreeMap::new(),
-            view,
-        }
+impl<'a> Progress<'a> {
+    /// For experiments that train together.
+    pub fn new(experiments: &'a [Experiment], verbosity: Verbosity) -> Self {
+        let total = experiments.iter().map(timesteps_of).sum();
+        let view = if verbosity == Verbosity::Quiet { View::Quiet } else { View::of_stderr(total) };
+        Self { since: Instant::now(), experiments, runs: BTreeMap::new(), view }
     }
 
-    /// Takes in one event.
-    pub fn show(&mut self, event: Event) {
+    /// Takes in one event of an experiment, which is named by its place.
+    pub fn show(&mut self, experiment: usize, event: Event) {
+        let experiments = self.experiments;
+        let label = |seed: u64| run_label(experiments, experiment, seed);
+        let curriculum = &experiments[experiment].curriculum;
+        let of = curriculum.timesteps();
         match event {
             Event::Progress { seed, stage, timesteps, mean_return } => {
-                let at = self.seeds.entry(seed).or_insert_with(|| SeedProgress::new(timesteps, 0));
+                let id = (experiment, seed);
+                let at = self.runs.entry(id).or_insert_with(|| RunProgress::new(timesteps, 0, of));
                 (at.timesteps, at.stage, at.mean_return) = (timesteps, stage, mean_return);
-                self.update(seed);
+                self.update(id);
             }
             Event::AlreadyFinished { seed } => {
-                self.seeds.insert(seed, SeedProgress::new(self.per_seed, self.per_seed));
+                self.runs.insert((experiment, seed), RunProgress::new(of, of, of));
             }
             Event::Resumed { seed, timesteps } => {
-                self.seeds.insert(seed, SeedProgress::new(timesteps, timesteps));
-                self.milestone(&format!("seed {seed} goes on after {timesteps} timesteps"));
+                self.runs.insert((experiment, seed), RunProgress::new(timesteps, timesteps, of));
+                self.milestone(&format!("{} goes on after {timesteps} timesteps", label(seed)));
             }
             Event::StageDone { seed, stage } => {
-                self.milestone(&format!("seed {seed}: stage {stage} is done, the last is {}", self.stages - 1));
+                let last = curriculum.stages.len() - 1;
+                self.milestone(&format!("{}: stage {stage} is done, the last is {last}", label(seed)));
             }
             Event::Failed { seed, why } => {
-                self.seeds.entry(seed).or_insert_with(|| SeedProgress::new(0, 0)).failed = true;
+                let id = (experiment, seed);
+                self.runs.entry(id).or_insert_with(|| RunProgress::new(0, 0, of)).failed = true;
                 if let View::Bars { seeds, .. } = &self.view
                     && let Some(bar) = seeds.get(&seed)
                 {
                     bar.abandon_with_message("failed");
                 }
-                error!("seed {seed} failed: {why}");
+                error!("{} failed: {why}", label(seed));
             }
-            Event::Notice { seed, what } => warn!("seed {seed}: {what}"),
-            Event::Interrupted { seed } => self.milestone(&format!("seed {seed} is saved")),
+            Event::Notice { seed, what } => warn!("{}: {what}", label(seed)),
+            Event::Interrupted { seed } => self.milestone(&format!("{} is saved", label(seed))),
         }
-    }
-
-    /// Runs `print` with the bars out of its way.
-    pub fn suspend(&self, print: impl FnOnce()) {
-        messages::past_bars(print);
     }
 
     /// Takes the bars away.
@@ -116,54 +109,67 @@ impl Progress {
         }
     }
 
-    fn update(&mut self, seed: u64) {
+    fn update(&mut self, id: (usize, u64)) {
         let overall = self.overall();
-        let at = self.seeds[&seed];
+        let at = self.runs[&id];
         match &mut self.view {
             View::Quiet => {}
             View::Lines { last } if last.elapsed() < LINE_INTERVAL => {}
             View::Lines { last } => {
                 *last = Instant::now();
-                info!("{}", overall.line(self.num_seeds));
+                info!("{}", overall.line());
             }
             View::Bars { all, total, seeds } => {
                 total.set_length(overall.of);
                 total.set_position(overall.done);
                 total.set_message(overall.figures());
-                if self.num_seeds > BARS || self.num_seeds == 1 {
+                let [experiment] = self.experiments else { return };
+                if !(2..=BARS).contains(&experiment.seeds.len()) {
                     return;
                 }
+                let (_, seed) = id;
                 let bar = seeds.entry(seed).or_insert_with(|| {
-                    let bar = ProgressBar::new(self.per_seed).with_style(style());
+                    let bar = ProgressBar::new(at.of).with_style(style());
                     all.add(bar.with_prefix(format!("seed {seed}")))
                 });
-                let own = Figures::of_seed(&at, self.per_seed, self.stages);
+                let own = Figures::of_seed(&at, experiment.curriculum.stages.len());
                 bar.set_position(own.done);
                 bar.set_message(own.figures());
-                if at.timesteps >= self.per_seed {
+                if at.timesteps >= at.of {
                     bar.abandon();
                 }
             }
         }
     }
 
-    /// All seeds together.
+    /// All runs together.
     fn overall(&self) -> Figures {
-        let begun = || self.seeds.values();
-        let given_up: u64 = begun().filter(|at| at.failed).map(|at| self.per_seed - at.done(self.per_seed)).sum();
-        let done: u64 = begun().map(|at| at.done(self.per_seed)).sum();
+        let begun = || self.runs.values();
+        let given_up: u64 = begun().filter(|at| at.failed).map(|at| at.of - at.done()).sum();
+        let done: u64 = begun().map(RunProgress::done).sum();
         let before: u64 = begun().map(|at| at.before).sum();
-        let going = || begun().filter(|at| !at.failed && at.timesteps < self.per_seed);
-        let returns = || begun().map(|at| at.mean_return).filter(|mean| mean.is_finite());
-        Figures {
-            done,
-            of: (self.per_seed * self.num_seeds as u64).saturating_sub(given_up),
-            rate: rate(done.saturating_sub(before), self.since),
-            stages: going().map(|at| at.stage).min().zip(going().map(|at| at.stage).max()),
-            num_stages: self.stages,
-            mean_return: returns().sum::<f64>() / returns().count() as f64,
-        }
+        let of = self.experiments.iter().map(timesteps_of).sum::<u64>().saturating_sub(given_up);
+        let num_runs = self.experiments.iter().map(|experiment| experiment.seeds.len()).sum();
+        let detail = match self.experiments {
+            [experiment] => {
+                let going = || begun().filter(|at| at.is_going());
+                let returns = || begun().map(|at| at.mean_return).filter(|mean| mean.is_finite());
+                Detail::Stages {
+                    of_those: going().map(|at| at.stage).min().zip(going().map(|at| at.stage).max()),
+                    num: experiment.curriculum.stages.len(),
+                    mean_return: returns().sum::<f64>() / returns().count() as f64,
+                }
+            }
+            // Stages and returns of different experiments have nothing in common.
+            _ => Detail::Runs { ended: begun().filter(|at| !at.is_going()).count() },
+        };
+        Figures { done, of, num_runs, rate: rate(done.saturating_sub(before), self.since), detail }
     }
+}
+
+/// Timesteps of all seeds of an experiment.
+fn timesteps_of(experiment: &Experiment) -> u64 {
+    experiment.curriculum.timesteps() * experiment.seeds.len() as u64
 }
 
 impl View {
@@ -186,66 +192,91 @@ fn style() -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
-impl SeedProgress {
-    fn new(timesteps: u64, before: u64) -> Self {
+impl RunProgress {
+    fn new(timesteps: u64, before: u64, of: u64) -> Self {
         let first = (Instant::now(), timesteps);
-        Self { first, before, timesteps, stage: 0, mean_return: f64::NAN, failed: false }
+        Self { first, before, timesteps, of, stage: 0, mean_return: f64::NAN, failed: false }
     }
 
     /// Timesteps that count; PPO goes on to the end of its rollout, past those asked for.
-    fn done(&self, per_seed: u64) -> u64 {
-        self.timesteps.min(per_seed)
+    fn done(&self) -> u64 {
+        self.timesteps.min(self.of)
+    }
+
+    fn is_going(&self) -> bool {
+        !self.failed && self.timesteps < self.of
     }
 }
 
-/// What is told of one seed, or of all.
+/// What is told of one run, or of all.
 struct Figures {
     done: u64,
     of: u64,
+    num_runs: usize,
     /// Timesteps per second of this start, once there is one.
     rate: Option<f64>,
-    /// The first and the last stage that a seed is in, from 0.
-    stages: Option<(u16, u16)>,
-    num_stages: usize,
-    mean_return: f64,
+    detail: Detail,
+}
+
+/// What is told beside the timesteps.
+enum Detail {
+    /// Of seeds of one experiment: the first and the last stage that one of them is in, from 0, of so many.
+    Stages { of_those: Option<(u16, u16)>, num: usize, mean_return: f64 },
+    /// Of several experiments: how many runs have ended.
+    Runs { ended: usize },
 }
 
 impl Figures {
-    fn of_seed(at: &SeedProgress, per_seed: u64, num_stages: usize) -> Self {
+    fn of_seed(at: &RunProgress, num_stages: usize) -> Self {
         let (since, first) = at.first;
         Self {
-            done: at.done(per_seed),
-            of: per_seed,
+            done: at.done(),
+            of: at.of,
+            num_runs: 1,
             rate: rate(at.timesteps - first, since),
-            stages: Some((at.stage, at.stage)),
-            num_stages,
-            mean_return: at.mean_return,
+            detail: Detail::Stages {
+                of_those: Some((at.stage, at.stage)),
+                num: num_stages,
+                mean_return: at.mean_return,
+            },
         }
     }
 
-    /// `stage 2/5  51234/s  00:04:10 left  return 12.3`, what is not known left out.
+    /// `stage 2/5  51234/s  00:04:10 left  return 12.3`, what is not known left out; of several experiments
+    /// `3/20 runs  51234/s  00:04:10 left`.
     fn figures(&self) -> String {
         let mut parts = Vec::new();
-        match self.stages {
-            Some((first, last)) if first == last => parts.push(format!("stage {}/{}", first + 1, self.num_stages)),
-            Some((first, last)) => parts.push(format!("stages {}-{}/{}", first + 1, last + 1, self.num_stages)),
-            None => {}
+        match self.detail {
+            Detail::Stages { of_those: Some((first, last)), num, .. } if first == last => {
+                parts.push(format!("stage {}/{num}", first + 1));
+            }
+            Detail::Stages { of_those: Some((first, last)), num, .. } => {
+                parts.push(format!("stages {}-{}/{num}", first + 1, last + 1));
+            }
+            Detail::Stages { of_those: None, .. } => {}
+            Detail::Runs { ended } => parts.push(format!("{ended}/{} runs", self.num_runs)),
         }
         if let Some(rate) = self.rate {
             let left = Duration::try_from_secs_f64(self.of.saturating_sub(self.done) as f64 / rate);
             parts.push(format!("{rate:.0}/s"));
             parts.extend(left.ok().map(|left| format!("{} left", FormattedDuration(left))));
         }
-        if self.mean_return.is_finite() {
-            parts.push(format!("return {:.1}", self.mean_return));
+        if let Detail::Stages { mean_return, .. } = self.detail
+            && mean_return.is_finite()
+        {
+            parts.push(format!("return {mean_return:.1}"));
         }
         parts.join("  ")
     }
 
-    fn line(&self, num_seeds: usize) -> String {
+    fn line(&self) -> String {
         let share = 100.0 * self.done as f64 / self.of.max(1) as f64;
-        let seeds = count_seeds(num_seeds);
-        format!("{share:5.1}%  {} of {} timesteps of {seeds}  {}", self.done, self.of, self.figures())
+        let seeds = match self.detail {
+            Detail::Stages { .. } => format!(" of {}", count_seeds(self.num_runs)),
+            // The figures tell their number.
+            Detail::Runs { .. } => String::new(),
+        };
+        format!("{share:5.1}%  {} of {} timesteps{seeds}  {}", self.done, self.of, self.figures())
     }
 }
 
@@ -262,44 +293,74 @@ fn rate(timesteps: u64, since: Instant) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
+    use coverage_env::Level;
+
     use super::*;
+    use crate::agent::Backend;
+    use crate::curriculum::Curriculum;
+
+    const STAGE: Detail = Detail::Stages { of_those: Some((1, 1)), num: 5, mean_return: -12.34 };
 
     fn figures() -> Figures {
-        let stages = Some((1, 1));
-        Figures { done: 250, of: 1000, rate: Some(2.5), stages, num_stages: 5, mean_return: -12.34 }
+        Figures { done: 250, of: 1000, num_runs: 3, rate: Some(2.5), detail: STAGE }
     }
 
     #[test]
     fn figures_are_one_line() {
         assert_eq!(figures().figures(), "stage 2/5  2/s  00:05:00 left  return -12.3");
-        let line = figures().line(3);
+        let line = figures().line();
         assert_eq!(line, format!(" 25.0%  250 of 1000 timesteps of 3 seeds  {}", figures().figures()));
-        let apart = Figures { stages: Some((1, 3)), ..figures() };
-        assert!(apart.figures().starts_with("stages 2-4/5  "));
+        let detail = Detail::Stages { of_those: Some((1, 3)), num: 5, mean_return: -12.34 };
+        assert!(Figures { detail, ..figures() }.figures().starts_with("stages 2-4/5  "));
+        let study = Figures { num_runs: 20, detail: Detail::Runs { ended: 4 }, ..figures() };
+        assert_eq!(study.line(), " 25.0%  250 of 1000 timesteps  4/20 runs  2/s  00:05:00 left");
+    }
+
+    /// Four seeds of 100 timesteps on each of the levels.
+    fn experiments(levels: &[&str]) -> Vec<Experiment> {
+        let single = |&id: &&str| Curriculum::single(Level::builtin(id).unwrap(), 100);
+        levels.iter().map(|id| Experiment::example(single(id), &[0, 1, 2, 3], Backend::Fused)).collect()
+    }
+
+    fn progress(experiments: &[Experiment]) -> Progress<'_> {
+        let since = Instant::now() - Duration::from_secs(10);
+        Progress { since, experiments, runs: BTreeMap::new(), view: View::Quiet }
     }
 
     #[test]
     fn seeds_that_were_finished_before_count_as_done_but_not_for_the_rate() {
-        let since = Instant::now() - Duration::from_secs(10);
-        let seeds = BTreeMap::new();
-        let mut progress = Progress { since, per_seed: 100, stages: 1, num_seeds: 4, seeds, view: View::Quiet };
-        progress.show(Event::AlreadyFinished { seed: 0 });
-        progress.show(Event::Resumed { seed: 1, timesteps: 40 });
-        progress.show(Event::Progress { seed: 1, stage: 0, timesteps: 60, mean_return: 1.0 });
+        let experiments = experiments(&["0"]);
+        let mut progress = progress(&experiments);
+        progress.show(0, Event::AlreadyFinished { seed: 0 });
+        progress.show(0, Event::Resumed { seed: 1, timesteps: 40 });
+        progress.show(0, Event::Progress { seed: 1, stage: 0, timesteps: 60, mean_return: 1.0 });
         let overall = progress.overall();
         assert_eq!((overall.done, overall.of), (160, 400));
         // 20 timesteps in ten seconds and a little.
         assert!(overall.rate.is_some_and(|rate| (1.9..=2.0).contains(&rate)), "{:?}", overall.rate);
-        assert_eq!((overall.stages, overall.mean_return), (Some((0, 0)), 1.0));
-        progress.show(Event::Failed { seed: 2, why: String::new() });
+        assert!(overall.figures().starts_with("stage 1/1  ") && overall.figures().ends_with("return 1.0"));
+        progress.show(0, Event::Failed { seed: 2, why: String::new() });
         assert_eq!(progress.overall().of, 300);
     }
 
     #[test]
+    fn the_seeds_of_several_experiments_are_told_apart() {
+        let experiments = experiments(&["0", "1"]);
+        let mut progress = progress(&experiments);
+        progress.show(0, Event::Progress { seed: 1, stage: 0, timesteps: 100, mean_return: 1.0 });
+        progress.show(1, Event::Progress { seed: 1, stage: 0, timesteps: 20, mean_return: 2.0 });
+        progress.show(1, Event::Failed { seed: 2, why: String::new() });
+        let overall = progress.overall();
+        assert_eq!((overall.done, overall.of), (120, 700));
+        assert!(overall.figures().starts_with("2/8 runs  "), "{}", overall.figures());
+    }
+
+    #[test]
     fn what_is_not_known_is_left_out() {
-        let begun = Figures { rate: None, mean_return: f64::NAN, ..figures() };
+        let unknown = |of_those| Detail::Stages { of_those, num: 5, mean_return: f64::NAN };
+        let begun = Figures { rate: None, detail: unknown(Some((1, 1))), ..figures() };
         assert_eq!(begun.figures(), "stage 2/5");
-        let slow = Figures { rate: Some(f64::MIN_POSITIVE), stages: None, ..figures() };
-        assert_eq!(slow.figures(), "0/s  return -12.3");
+        let slow = Figures { rate: Some(f64::MIN_POSITIVE), detail: unknown(None), ..figures() };
+        assert_eq!(slow.figures(), "0/s");
     }
 }

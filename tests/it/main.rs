@@ -26,3 +26,4 @@ mod sb3_models;
 mod sb3_ppo;
 mod settings;
 mod stops;
+mod study;

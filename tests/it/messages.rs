@@ -77,6 +77,21 @@ fn messages_and_bars_leave_each_other_whole() {
     }
 }
 
+#[test]
+fn a_study_has_one_bar_and_a_line_for_each_experiment() {
+    let sandbox = Sandbox::new();
+    let arms = "[{config: ppo.yaml, trains: [afresh]}]";
+    sandbox.write("study.yaml", format!("name: s\nlevels: [a.yaml, b.yaml]\narms: {arms}\n"));
+    let Some(sent) = on_a_terminal(&sandbox, "study study.yaml --num-seeds 2 --timesteps 2048") else { return };
+    let pieces = pieces(&sent);
+    assert!(pieces.iter().any(|piece| piece.contains('%') && piece.contains("/4 runs")), "{pieces:#?}");
+    assert!(!pieces.iter().any(|piece| piece.contains('%') && piece.contains("seed ")), "{pieces:#?}");
+    for level in ["a", "b"] {
+        let line = format!("2 of 2 seeds finished in runs/s/ppo/level-{level}");
+        assert!(pieces.contains(&line), "{line} is not in {pieces:#?}");
+    }
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn results_that_cannot_be_printed_hide_no_failure() {
@@ -89,5 +104,5 @@ fn results_that_cannot_be_printed_hide_no_failure() {
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{stderr}");
     assert!(stderr.contains("error: cannot write to stdout"), "{stderr}");
-    assert!(stderr.contains("1 seeds failed") && stderr.contains("seed 0: cannot write"), "{stderr}");
+    assert!(stderr.contains("1 seed failed") && stderr.contains("seed 0: cannot write"), "{stderr}");
 }

@@ -46,7 +46,7 @@ pub enum Signal {
 
 impl Signal {
     /// Sends it.
-    fn send(self, training: &Training) {
+    pub fn send(self, training: &Training) {
         let name = match self {
             Self::Interrupt => "-INT",
             Self::Terminate => "-TERM",

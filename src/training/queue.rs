@@ -1,0 +1,80 @@
+//! What is trained in which order.
+
+use std::cmp::Reverse;
+
+use super::Experiment;
+
+/// Seeds of one experiment that one thread trains side by side.
+#[derive(Clone, Copy, Debug)]
+pub struct Work<'a> {
+    /// The experiment, by its place among all.
+    pub experiment: usize,
+    /// Its seeds.
+    pub seeds: &'a [u64],
+}
+
+/// The seeds of all experiments in the order in which `jobs` threads take them: the longest first, so that at the end no
+/// thread has much to do while others have nothing.
+pub fn queue(experiments: &[Experiment], jobs: usize) -> Vec<Work<'_>> {
+    let mut queue = Vec::new();
+    for (i, experiment) in experiments.iter().enumerate() {
+        let cohorts = experiment.seeds.chunks(experiment.cohort_size(jobs));
+        queue.extend(cohorts.map(|seeds| Work { experiment: i, seeds }));
+    }
+    queue.sort_by_key(|work: &Work<'_>| Reverse(experiments[work.experiment].curriculum.timesteps()));
+    queue
+}
+
+/// When `jobs` threads that take work of these seconds, one after another, are done with all of it.
+pub fn seconds_until_done(work: impl IntoIterator<Item = f64>, jobs: usize) -> f64 {
+    let mut busy_until = vec![0.0_f64; jobs.max(1)];
+    for seconds in work {
+        if let Some(first_free) = busy_until.iter_mut().min_by(|a, b| a.total_cmp(b)) {
+            *first_free += seconds;
+        }
+    }
+    busy_until.into_iter().fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use coverage_env::Level;
+    use tch::Device;
+
+    use super::*;
+    use crate::agent::Backend;
+    use crate::curriculum::Curriculum;
+
+    fn levels() -> Vec<Level> {
+        ["0", "1"].into_iter().map(|id| Level::builtin(id).unwrap()).collect()
+    }
+
+    #[test]
+    fn the_longest_comes_first_and_stacked_seeds_stay_together() {
+        let experiment = |curriculum, backend| Experiment::example(curriculum, &[3, 4, 5, 7, 9], backend);
+        let stacked = Backend::Autograd(Device::Cpu);
+        let experiments = [
+            experiment(Curriculum::single(levels().remove(0), 1000), Backend::Fused),
+            experiment(Curriculum::sequence(levels(), 600).unwrap(), stacked),
+            experiment(Curriculum::single(levels().remove(1), 1000), stacked),
+        ];
+        let queue = queue(&experiments, 2);
+        let taken: Vec<(usize, &[u64])> = queue.iter().map(|work| (work.experiment, work.seeds)).collect();
+        let [one, other] = [&[3, 4, 5][..], &[7, 9]];
+        let fused = [3, 4, 5, 7, 9].map(|seed| vec![seed]);
+        let mut expected: Vec<(usize, &[u64])> = vec![(1, one), (1, other)];
+        expected.extend(fused.iter().map(|seed| (0, &seed[..])));
+        expected.extend([(2, one), (2, other)]);
+        assert_eq!(taken, expected);
+    }
+
+    #[test]
+    fn threads_take_what_is_next_as_soon_as_they_are_free() {
+        assert_eq!(seconds_until_done([], 3), 0.0);
+        assert_eq!(seconds_until_done([1.0, 2.0, 3.0], 1), 6.0);
+        assert_eq!(seconds_until_done([5.0, 1.0, 1.0, 1.0], 2), 5.0);
+        assert_eq!(seconds_until_done([4.0, 3.0, 3.0], 2), 6.0);
+        // Two of ten threads have something to do.
+        assert_eq!(seconds_until_done([2.0, 3.0], 10), 3.0);
+    }
+}
