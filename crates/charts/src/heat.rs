@@ -26,8 +26,6 @@ pub struct HeatMap {
     /// Decimals of the numbers in the cells. Numbers that do not fit lose decimals, and cells too narrow for whole
     /// numbers lose them altogether.
     pub decimals: usize,
-    /// How values become colours.
-    pub colors: Colors,
     /// The matrices.
     pub panels: Vec<HeatPanel>,
 }
@@ -45,19 +43,6 @@ pub struct HeatPanel {
     pub cells: Vec<Vec<Option<f64>>>,
 }
 
-/// How values become colours. Both are safe for colour-blind readers.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Colors {
-    /// Dark blue to yellow (cividis): greater is lighter.
-    #[default]
-    Sequential,
-    /// Purple below, orange above a centre that has a meaning of its own, such as 0 for forgetting.
-    Diverging {
-        /// The value that is left white.
-        center: f64,
-    },
-}
-
 const BAR_HEIGHT: f64 = 6.0;
 const FOOTER: f64 = 9.0 + BAR_HEIGHT + frame::TICK_LINE + font::LABEL * 1.3;
 const OVERHANG: f64 = 3.0;
@@ -66,7 +51,7 @@ const CELL_SHARE: f64 = 0.8;
 const CELL_MOST: f64 = 24.0;
 const LONGEST_NAME: f64 = 80.0;
 
-/// Values to colours.
+/// Values to colours, dark blue to yellow (cividis), which is safe for colour-blind readers: greater is lighter.
 struct Palette {
     gradient: Box<dyn Gradient>,
     scale: Scale,
@@ -140,14 +125,7 @@ impl HeatMap {
     /// `None` without values.
     fn palette(&self, panels: &[HeatPanel]) -> Option<Palette> {
         let scale = Scale::fit(panels.iter().flat_map(HeatPanel::values), &self.values, 0.0)?;
-        Some(match self.colors {
-            Colors::Sequential => Palette { gradient: Box::new(preset::cividis()), scale },
-            Colors::Diverging { center } => {
-                let reach = (scale.high - center).abs().max((scale.low - center).abs());
-                let scale = Scale { low: center - reach, high: center + reach };
-                Palette { gradient: Box::new(preset::pu_or()), scale }
-            }
-        })
+        Some(Palette { gradient: Box::new(preset::cividis()), scale })
     }
 
     /// The most decimals, up to those asked for, with which every number fits its cell; `None` if none do.

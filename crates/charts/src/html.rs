@@ -26,7 +26,7 @@ pub struct Page {
     pub title: String,
     /// What stands before the table of contents.
     pub introduction: Vec<Block>,
-    /// Its sections; they and their subsections make the table of contents.
+    /// Its sections; they make the table of contents.
     pub sections: Vec<Section>,
 }
 
@@ -37,14 +37,12 @@ pub struct Section {
     pub heading: String,
     /// What stands directly below it.
     pub blocks: Vec<Block>,
-    /// Sections one level down, to any depth; headings below the sixth level look like the sixth.
-    pub subsections: Vec<Section>,
 }
 
 impl Section {
-    /// A section without subsections.
+    /// A section.
     pub fn new(heading: impl Into<String>, blocks: Vec<Block>) -> Self {
-        Self { heading: heading.into(), blocks, subsections: Vec::new() }
+        Self { heading: heading.into(), blocks }
     }
 }
 
@@ -136,22 +134,20 @@ impl Column {
     }
 }
 
-/// A chart with its caption and the numbers behind it.
+/// A chart with its caption.
 #[derive(Clone, Debug)]
 pub struct Figure {
     /// The chart.
     pub drawing: Drawing,
     /// Stands below it, after "Figure 1." and so on.
     pub caption: Text,
-    /// The numbers it shows, folded away below the caption.
-    pub data: Option<Table>,
     /// Files with the same figure or its data: what is read, and where it lies.
     pub files: Vec<(String, String)>,
 }
 
 impl Figure {
-    /// A figure without data or files.
+    /// A figure without files.
     pub fn new(drawing: Drawing, caption: impl Into<Text>) -> Self {
-        Self { drawing, caption: caption.into(), data: None, files: Vec::new() }
+        Self { drawing, caption: caption.into(), files: Vec::new() }
     }
 }

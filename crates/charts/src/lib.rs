@@ -58,7 +58,7 @@ pub use axis::Axis;
 pub use color::Style;
 pub use curves::{Curve, CurveChart, CurvePanel, Stage};
 pub use drawing::Drawing;
-pub use heat::{Colors, HeatMap, HeatPanel};
+pub use heat::{HeatMap, HeatPanel};
 pub use intervals::{Estimate, IntervalChart, IntervalPanel, IntervalSeries, Orientation};
 pub use layout::{About, Layout, Width};
 pub use maps::{GridMap, GridMaps, Tile};

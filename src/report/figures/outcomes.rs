@@ -173,7 +173,6 @@ fn matrices(analysis: &Analysis) -> Option<NamedFigure> {
             values: Axis::new("return"),
             decimals: 1,
             panels,
-            ..HeatMap::default()
         }
         .draw(),
         tables: arms.iter().map(|&arm| super::super::tables::matrix_name(&analysis.arms[arm])).collect(),

@@ -2,7 +2,7 @@
 
 use chacha20::ChaCha8Rng;
 use charts::{
-    About, Axis, Colors, Curve, CurveChart, CurvePanel, Drawing, Estimate, GridMap, GridMaps, HeatMap, HeatPanel,
+    About, Axis, Curve, CurveChart, CurvePanel, Drawing, Estimate, GridMap, GridMaps, HeatMap, HeatPanel,
     IntervalChart, IntervalPanel, IntervalSeries, Layout, Orientation, Reference, Segment, Stage, Style, Tile, Width,
 };
 use rand::{RngExt, SeedableRng};
@@ -346,7 +346,6 @@ fn forgetting() -> Drawing {
         row_label: "after level".to_owned(),
         column_label: "evaluated on level".to_owned(),
         values: Axis::new("change of return"),
-        colors: Colors::Diverging { center: 0.0 },
         panels: ARMS.iter().enumerate().map(panel).collect(),
         ..HeatMap::default()
     }

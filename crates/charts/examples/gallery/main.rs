@@ -29,8 +29,7 @@ fn page(examples: Vec<Example>) -> Page {
     let figure = |example: Example| {
         let link = |extension: &str| (extension.to_uppercase(), format!("{}.{extension}", example.name));
         let files = vec![link("svg"), link("png")];
-        let data = (example.name == "final-returns").then(table);
-        Block::Figure(Figure { data, files, ..Figure::new(example.drawing, example.caption) })
+        Block::Figure(Figure { files, ..Figure::new(example.drawing, example.caption) })
     };
     let mut figures: Vec<Block> = Vec::new();
     let mut edges: Vec<Block> = Vec::new();

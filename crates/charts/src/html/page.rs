@@ -41,7 +41,7 @@ impl Page {
                         @if !sections.is_empty() {
                             nav aria-label="Contents" { (contents(&sections)) }
                         }
-                        @for section in &sections { (section.markup(2, &mut figures)) }
+                        @for section in &sections { (section.markup(&mut figures)) }
                     }
                 }
             }
@@ -54,30 +54,20 @@ impl Page {
 struct Numbered<'a> {
     section: &'a Section,
     id: String,
-    subsections: Vec<Numbered<'a>>,
 }
 
 impl<'a> Numbered<'a> {
     fn new(section: &'a Section, ids: &mut Vec<String>) -> Self {
         let id = unused_id(&section.heading, ids);
         ids.push(id.clone());
-        let subsections = section.subsections.iter().map(|section| Numbered::new(section, ids)).collect();
-        Self { section, id, subsections }
+        Self { section, id }
     }
 
-    fn markup(&self, level: u8, figures: &mut usize) -> Markup {
-        let heading = &self.section.heading;
+    fn markup(&self, figures: &mut usize) -> Markup {
         html! {
             section id=(self.id) {
-                @match level {
-                    2 => h2 { (heading) },
-                    3 => h3 { (heading) },
-                    4 => h4 { (heading) },
-                    5 => h5 { (heading) },
-                    _ => h6 { (heading) },
-                }
+                h2 { (self.section.heading) }
                 (blocks(&self.section.blocks, figures))
-                @for section in &self.subsections { (section.markup(level.saturating_add(1), figures)) }
             }
         }
     }
@@ -96,10 +86,7 @@ fn contents(sections: &[Numbered]) -> Markup {
     html! {
         ul {
             @for section in sections {
-                li {
-                    a href={ "#" (section.id) } { (section.section.heading) }
-                    @if !section.subsections.is_empty() { (contents(&section.subsections)) }
-                }
+                li { a href={ "#" (section.id) } { (section.section.heading) } }
             }
         }
     }
@@ -183,9 +170,6 @@ fn figure(figure: &Figure, number: usize) -> Markup {
                     @if i == 0 { " " } @else { " · " }
                     a href=(href) { (text) }
                 }
-            }
-            @if let Some(data) = &figure.data {
-                details { summary { "The numbers" } (table(data)) }
             }
         }
     }
