@@ -194,12 +194,12 @@ mod tests {
     fn the_paper_has_its_arms_and_levels() {
         let study = Study::paper(None).unwrap();
         let names: Vec<&str> = study.arms.iter().map(|arm| arm.config.name.as_str()).collect();
-        assert_eq!(names, ["dqn", "ppo", "ppo-l2", "ppo-eps", "ppo-l2-dohare"]);
+        assert_eq!(names, ["dqn", "ppo", "ppo-l2", "dqn-constant-eps", "ppo-eps", "ppo-l2-dohare"]);
         let experiments = study.experiments().unwrap();
-        // Five curricula, and four arms on five levels afresh.
-        assert_eq!(experiments.len(), 5 + 4 * 5);
+        // Six curricula, and five arms on five levels afresh.
+        assert_eq!(experiments.len(), 6 + 5 * 5);
         let timesteps: u64 = experiments.iter().map(|(_, curriculum)| curriculum.timesteps()).sum();
-        assert_eq!(timesteps, 2 * 5_000_000 + 7 * 2_500_000);
+        assert_eq!(timesteps, 4 * 5_000_000 + 7 * 2_500_000);
         let short = Study::paper(Some(1000)).unwrap();
         assert!(short.arms.iter().all(|arm| arm.config.timesteps == 1000));
     }

@@ -70,8 +70,11 @@ impl Topic {
             Self::Matrix => "What is left of earlier levels, and what is there of later ones.",
             Self::Continual => "Of normalised returns: 0 is the worst return there is, 1 the proved mean optimum.",
             Self::AgainstAfresh => {
-                "The same algorithm, settings and seed number, with a past and without one. Negative transfer, a hard level \
-                 and lost exploration look alike here: read it with the plasticity measures."
+                "The same algorithm, settings and seed number, with a past and without one. DQN's two sides differ in \
+                 exploration, too: afresh it begins with random actions (ε falls from 1 to 0.05), in a curriculum only on \
+                 the first level, later ones having ε = 0.05 throughout. An arm whose exploration_initial_eps is 0.05 has \
+                 the same ε on both sides, and tells how much of a difference is the exploration's. Negative transfer and \
+                 a hard level look like lost plasticity here: read it with the plasticity measures."
             }
             Self::Plasticity => {
                 "Measured on fixed states of each level. Dormancy calls a tanh unit that is stuck at ±1 healthy, so that \
