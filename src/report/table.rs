@@ -220,14 +220,24 @@ impl Table {
             Cell::Text(text) => latex_text(text),
             number => format!("${}$", number.shown(" \\pm ")),
         };
-        let mut lines: Vec<String> = [&self.title].into_iter().chain(&self.notes).map(|t| format!("% {t}")).collect();
-        lines.push(format!("\\begin{{tabular}}{{l{}}}", "r".repeat(self.columns.len() - 1)));
-        lines.push("  \\toprule".to_owned());
-        lines.push(line(self.columns.iter().map(|name| latex_text(name)).collect()));
-        lines.push("  \\midrule".to_owned());
+        let mut lines = vec![
+            format!("\\begin{{tabular}}{{l{}}}", "r".repeat(self.columns.len() - 1)),
+            "  \\toprule".to_owned(),
+            line(self.columns.iter().map(|name| latex_text(name)).collect()),
+            "  \\midrule".to_owned(),
+        ];
         lines.extend(self.rows.iter().map(|row| line(row.iter().map(cell).collect())));
-        lines.push("  \\bottomrule".to_owned());
-        lines.push("\\end{tabular}".to_owned());
+        lines.extend(["  \\bottomrule", "\\end{tabular}"].map(str::to_owned));
+        // A table that is included somewhere must not lose what a reader has to know of it.
+        if !self.title.is_empty() {
+            let head = ["\\begin{table}".to_owned(), "\\centering".to_owned()];
+            let caption = format!("\\caption{{{}}}", latex_text(&self.title));
+            lines.splice(0..0, head.into_iter().chain([caption]));
+        }
+        lines.extend(self.notes.iter().map(|note| format!("\\par{{\\footnotesize {}\\par}}", latex_text(note))));
+        if !self.title.is_empty() {
+            lines.push("\\end{table}".to_owned());
+        }
         lines.join("\n") + "\n"
     }
 }
@@ -237,9 +247,16 @@ fn latex_text(text: &str) -> String {
     let escape = |c: char| match c {
         '&' | '%' | '$' | '#' | '_' | '{' | '}' => format!("\\{c}"),
         '\\' => "\\textbackslash{}".to_owned(),
+        '<' => "\\textless{}".to_owned(),
+        '>' => "\\textgreater{}".to_owned(),
+        '|' => "\\textbar{}".to_owned(),
+        '"' => "''".to_owned(),
         '~' => "\\textasciitilde{}".to_owned(),
         '^' => "\\textasciicircum{}".to_owned(),
         '±' => "$\\pm$".to_owned(),
+        '×' => "$\\times$".to_owned(),
+        '−' => "$-$".to_owned(),
+        '≤' => "$\\leq$".to_owned(),
         '–' => "--".to_owned(),
         c => c.to_string(),
     };
@@ -264,13 +281,13 @@ mod tests {
 
     #[test]
     fn columns_are_aligned() {
-        let expected = "Returns\narm             level 0  share\n------------------------------\nppo_l2  -10.50 ± 3.00   0.12\n\
-                        a|b, c              –   1.00\na note\n";
-        let rendered = table().render(Format::Table);
-        let squeeze = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
-        assert_eq!(squeeze(&rendered.replace('-', "")), squeeze(&expected.replace('-', "")));
-        let lines: Vec<usize> = rendered.lines().skip(1).take(4).map(|line| line.chars().count()).collect();
-        assert!(lines.iter().all(|&length| length == lines[0]), "{rendered}");
+        let expected = "Returns\n\
+                        arm           level 0  share\n\
+                        ----------------------------\n\
+                        ppo_l2  -10.50 ± 3.00   0.12\n\
+                        a|b, c              –   1.00\n\
+                        a note\n";
+        assert_eq!(table().render(Format::Table), expected);
     }
 
     #[test]
@@ -297,5 +314,25 @@ mod tests {
         assert!(markdown.contains("| a\\|b, c | – | 1.00 |"), "{markdown}");
         let latex = table().render(Format::Latex);
         assert!(latex.contains("  ppo\\_l2 & $-10.50 \\pm 3.00$ & $0.12$ \\\\"), "{latex}");
+        assert!(latex.contains("  a\\textbar{}b, c & -- & $1.00$"), "{latex}");
+        assert_eq!(latex_text("P(X > Y) < \"1\""), "P(X \\textgreater{} Y) \\textless{} ''1''");
+    }
+
+    #[test]
+    fn latex_shows_the_title_and_the_notes() {
+        let latex = table().render(Format::Latex);
+        let shown: Vec<&str> = latex.lines().filter(|line| !line.starts_with(' ')).collect();
+        let expected = [
+            "\\begin{table}",
+            "\\centering",
+            "\\caption{Returns}",
+            "\\begin{tabular}{lrr}",
+            "\\end{tabular}",
+            "\\par{\\footnotesize a note\\par}",
+            "\\end{table}",
+        ];
+        assert_eq!(shown, expected);
+        let bare = Table { title: String::new(), notes: Vec::new(), ..table() }.render(Format::Latex);
+        assert!(bare.starts_with("\\begin{tabular}") && bare.ends_with("\\end{tabular}\n"), "{bare}");
     }
 }
