@@ -1,5 +1,7 @@
 //! The report as one page.
 
+use std::collections::BTreeMap;
+
 use charts::html::{Block, Column, Figure, Page, Section, Span, Table as HtmlTable, Text};
 
 use super::analysis::{Analysis, Arm, Protocol};
@@ -111,7 +113,10 @@ fn introduction(analysis: &Analysis, command: &str) -> Vec<Block> {
     let made = Text(vec![
         plain("Made by "),
         code(command),
-        plain(format!(" with cpp-rl {cpp_rl} (commit {git}, libtorch {libtorch}). All numbers are in ")),
+        plain(format!(
+            " with cpp-rl {cpp_rl} (commit {git}, libtorch {libtorch}). {} All numbers are in ",
+            versions(analysis)
+        )),
         link("report.json", "report.json"),
         plain(", all tables in "),
         link("tables.md", "tables.md"),
@@ -122,7 +127,7 @@ fn introduction(analysis: &Analysis, command: &str) -> Vec<Block> {
         plain("."),
     ]);
     let mut blocks = vec![Block::from(summary.as_str()), Block::Table(arms(analysis)), Block::Paragraph(made)];
-    let (warnings, missing) = (&analysis.warnings, analysis.missing.len());
+    let (warnings, missing) = (&analysis.warnings, analysis.missing.len() + analysis.left_out.len());
     if warnings.len() <= MOST_AT_THE_TOP {
         blocks.extend(warnings.iter().map(|warning| Block::Warning(warning.as_str().into())));
     }
@@ -136,6 +141,16 @@ fn introduction(analysis: &Analysis, command: &str) -> Vec<Block> {
         blocks.push(Block::Warning(Text(vec![plain(text), link(heading, anchor(heading)), plain(".")])));
     }
     blocks
+}
+
+/// What made the runs: a run that was resumed by another version counts for each.
+fn versions(analysis: &Analysis) -> String {
+    let mut runs: BTreeMap<&str, usize> = BTreeMap::new();
+    for version in analysis.runs.iter().flat_map(|run| &run.versions) {
+        *runs.entry(version).or_default() += 1;
+    }
+    let each = |(version, &number): (&&str, &usize)| format!("{version}: {}", count(number, "run", "runs"));
+    format!("The runs were made by {}.", runs.iter().map(each).collect::<Vec<_>>().join("; "))
 }
 
 /// The link to a section.
@@ -160,7 +175,7 @@ fn arms(analysis: &Analysis) -> HtmlTable {
             seeds(&arm.seeds),
             runs().count().to_string(),
             with(|status| *status == Status::Finished),
-            with(|status| *status == Status::Running),
+            with(|status| matches!(status, Status::Running | Status::Interrupted)),
             with(|status| matches!(status, Status::Failed(_))),
         ]
     };

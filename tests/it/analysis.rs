@@ -10,7 +10,7 @@ use coverage_env::planner::Optimal;
 use cpp_rl::evaluate::{self, Starts};
 use cpp_rl::report::analysis::{Analysis, LevelContrast, Protocol};
 use cpp_rl::report::{Format, export, tables};
-use cpp_rl::run::manifest::{Host, Manifest, StageEntry, Status, Versions};
+use cpp_rl::run::manifest::{Host, Manifest, StageEntry, Start, Status, Versions};
 use rl_stats::{Interval, Time};
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -38,10 +38,20 @@ pub(crate) struct Fake {
     pub(crate) levels: &'static [&'static str],
     pub(crate) afresh: bool,
     pub(crate) stages_done: u16,
+    /// Of each stage.
+    pub(crate) timesteps: u64,
     /// In the evaluation after a stage (none: before the first) on a level, both by number.
     pub(crate) skill: fn(Option<usize>, usize) -> Skill,
     /// The normalised moving return at a share of a stage, given its level's name.
     pub(crate) curve: fn(&str, f64) -> f64,
+    /// How it stands, given whether all stages are done.
+    pub(crate) status: fn(bool) -> Status,
+    /// The commit that made it.
+    pub(crate) commit: &'static str,
+    /// The instruction set of its kernel.
+    pub(crate) instruction_set: &'static str,
+    /// Timesteps that its schedules span, if it was extended.
+    pub(crate) horizon: Option<u64>,
 }
 
 pub(crate) const CURRICULUM: Fake = Fake {
@@ -50,9 +60,14 @@ pub(crate) const CURRICULUM: Fake = Fake {
     levels: &["a", "b"],
     afresh: false,
     stages_done: 2,
+    timesteps: TIMESTEPS,
     // What was trained last is known, and nothing else.
     skill: |stage, level| if stage == Some(level) { Skill::Perfect } else { Skill::Lost },
     curve: |_, share| share,
+    status: |finished| if finished { Status::Finished } else { Status::Running },
+    commit: "abc",
+    instruction_set: "avx2",
+    horizon: None,
 };
 
 pub(crate) const AFRESH_B: Fake = Fake {
@@ -86,14 +101,24 @@ impl Fake {
         let stage = |level: &&str| StageEntry {
             level: (*level).to_owned(),
             map: map(level),
-            timesteps: TIMESTEPS,
-            horizon: None,
+            timesteps: self.timesteps,
+            horizon: self.horizon,
         };
-        let config = json!({ "name": self.arm, "max_steps": max_steps(self.levels[0]), "timesteps": TIMESTEPS });
+        let versions = Versions { cpp_rl: "1.0".to_owned(), git: self.commit.to_owned(), libtorch: "2.0".to_owned() };
+        let host = Host { name: String::new(), platform: String::new(), cores: 1 };
+        let start = Start {
+            time: String::new(),
+            command: Vec::new(),
+            versions: versions.clone(),
+            host: host.clone(),
+            instruction_set: self.instruction_set.to_owned(),
+            timesteps: 0,
+        };
+        let config = json!({ "name": self.arm, "max_steps": max_steps(self.levels[0]), "timesteps": self.timesteps });
         let finished = usize::from(self.stages_done) == self.levels.len();
         let mut manifest = Manifest {
             format: 1,
-            status: if finished { Status::Finished } else { Status::Running },
+            status: (self.status)(finished),
             arm: self.arm.to_owned(),
             curriculum: if self.afresh { format!("level-{}", self.levels[0]) } else { "curriculum".to_owned() },
             seed: self.seed,
@@ -106,17 +131,17 @@ impl Fake {
             kernel: "fused".to_owned(),
             device: "cpu".to_owned(),
             plasticity_interval: 0,
-            versions: Versions { cpp_rl: String::new(), git: String::new(), libtorch: String::new() },
-            host: Host { name: String::new(), platform: String::new(), cores: 1 },
+            versions,
+            host,
             command: Vec::new(),
-            starts: Vec::new(),
+            starts: vec![start],
             started: String::new(),
             updated: String::new(),
             seconds: 0.0,
         };
         manifest.write(&path).expect("a manifest");
         fs::write(path.join("evaluations.csv"), self.evaluations()).expect("evaluations");
-        fs::write(path.join("progress.csv"), self.progress(250)).expect("a log");
+        fs::write(path.join("progress.csv"), self.progress(self.timesteps / 4)).expect("a log");
         path
     }
 
@@ -147,9 +172,9 @@ impl Fake {
         let mut text = "stage,level,time/total_timesteps,cumulative_timesteps,rollout/ep_rew_mean\n".to_owned();
         for (stage, level) in self.levels.iter().enumerate() {
             let (worst, best) = (-f64::from(max_steps(level)), optimum(level).mean);
-            for timesteps in (every..=TIMESTEPS).step_by(every as usize) {
-                let value = worst + (best - worst) * (self.curve)(level, timesteps as f64 / TIMESTEPS as f64);
-                let cumulative = stage as u64 * TIMESTEPS + timesteps;
+            for timesteps in (every..=self.timesteps).step_by(every as usize) {
+                let value = worst + (best - worst) * (self.curve)(level, timesteps as f64 / self.timesteps as f64);
+                let cumulative = stage as u64 * self.timesteps + timesteps;
                 writeln!(text, "{stage},{level},{timesteps},{cumulative},{value}").expect("memory");
             }
         }

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use cpp_rl::report::analysis::Analysis;
 use cpp_rl::report::topic::Topic;
 use cpp_rl::report::{export, figures};
+use cpp_rl::run::manifest::Status;
 use scraper::{Html, Selector};
 use tempfile::TempDir;
 
@@ -223,6 +224,32 @@ fn what_is_missing_is_said() {
     let html = report.html();
     assert!(html.contains("2 runs lack results: see ") && html.contains("href=\"#missing-results\""));
     assert!(html.contains("1 of 2 stages are done (unfinished)"));
+}
+
+#[test]
+fn every_run_is_counted_as_what_it_is() {
+    let status = |seed, status| Fake { seed, stages_done: 1, status, ..CURRICULUM };
+    let runs = [
+        CURRICULUM,
+        status(1, |_| Status::Running),
+        status(2, |_| Status::Interrupted),
+        status(3, |_| Status::Failed("no memory".to_owned())),
+    ];
+    let report = Report::new(&runs);
+    let document = Html::parse_document(&report.html());
+    let tables = Selector::parse("table").expect("a selector");
+    let overview = document.select(&tables).next().expect("the arms");
+    let texts = |cells: &str| -> Vec<String> {
+        let cells = Selector::parse(cells).expect("a selector");
+        overview.select(&cells).map(|cell| cell.text().collect()).collect()
+    };
+    assert_eq!(texts("thead th")[4..], ["runs", "finished", "unfinished", "failed"]);
+    assert_eq!(texts("tbody td")[3..], ["4", "1", "2", "1"]);
+    let html = report.html();
+    assert!(html.contains("cpp-rl 1.0 (commit abc, libtorch 2.0): 4 runs"), "the runs' versions");
+    for why in ["unfinished", "interrupted", "no memory"] {
+        assert!(html.contains(&format!("1 of 2 stages are done ({why})")), "{why}");
+    }
 }
 
 #[test]

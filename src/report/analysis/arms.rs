@@ -65,6 +65,10 @@ impl Run {
         let mut settings = m.config.clone();
         settings.insert("kernel".to_owned(), m.kernel.clone().into());
         settings.insert("device".to_owned(), m.device.clone().into());
+        // A run that was extended is not one that was as long from the start: its schedules span less.
+        if let Some(horizon) = m.stages.iter().find_map(|stage| stage.horizon) {
+            settings.insert("horizon".to_owned(), horizon.into());
+        }
         // A penalty that is not there has no coefficient, and covers nothing.
         if settings.get("l2").and_then(Value::as_str) == Some("none") {
             settings.remove("l2_coef");
@@ -136,6 +140,27 @@ pub(super) fn same_but_stages(a: &Map<String, Value>, b: &Map<String, Value>) ->
         settings
     };
     rest(a) == rest(b)
+}
+
+/// Whether one is a curriculum and the other its runs afresh.
+pub(super) fn are_counterparts(a: &Group, b: &Group) -> bool {
+    a.protocol != b.protocol && a.preset() == b.preset() && same_but_stages(&a.settings, &b.settings)
+}
+
+/// Tells of arms whose runs were made by several versions of cpp-rl, or with several instruction sets.
+pub(super) fn mixed_versions(groups: &[Group]) -> Vec<String> {
+    let mixed = |of: fn(&Run) -> Vec<String>| {
+        let count = |group: &&Group| group.runs.iter().flat_map(|run| of(run)).collect::<BTreeSet<String>>().len();
+        groups.iter().filter(|group| count(group) > 1).map(|group| group.name.as_str()).collect::<Vec<&str>>()
+    };
+    let told = [
+        (mixed(Run::versions), "were made by several versions of cpp-rl"),
+        (mixed(Run::instruction_sets), "were made with several instruction sets, and so differ by rounding"),
+    ];
+    let tell = |(arms, what): (Vec<&str>, &str)| {
+        (!arms.is_empty()).then(|| format!("{}: runs of one arm {what}; report.json says which", arms.join(", ")))
+    };
+    told.into_iter().filter_map(tell).collect()
 }
 
 /// The keys whose values are not the same in all of these groups, names aside.

@@ -31,7 +31,7 @@ pub use improvement::Improvement;
 pub use levels::{LevelInfo, PlannedStart, Planner};
 pub use matrix::{Matrix, MatrixCell, MatrixRow};
 pub use outcome::{Aggregates, LevelOutcome, SeedOutcome, ThresholdTimes};
-pub use runs::{Missing, RunInfo};
+pub use runs::{LeftOut, Missing, RunInfo};
 
 use super::published::{self, Published};
 use crate::error::UserError;
@@ -40,7 +40,7 @@ use bands::Bands;
 use runs::Run;
 
 /// Version of the fields of `report.json`.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 
 /// Shares of the optimum whose first attainment is timed.
 const THRESHOLDS: [f64; 2] = [0.5, 0.9];
@@ -66,6 +66,8 @@ pub struct Analysis {
     pub runs: Vec<RunInfo>,
     /// What should be there and is not.
     pub missing: Vec<Missing>,
+    /// Directories whose run cannot be read, or has not begun.
+    pub left_out: Vec<LeftOut>,
     /// The published figures, where the study's levels are compared.
     pub published: Option<Published>,
     /// What a reader must know.
@@ -144,19 +146,31 @@ pub struct Difference {
 
 impl Analysis {
     /// Reads all runs in and below these directories. Logs are streamed: what is kept of a run does not grow with its
-    /// length.
+    /// length. A run that cannot be read is left out, and named.
     ///
     /// # Errors
-    /// A directory without runs, files that cannot be read, two runs that are the same seed of the same arm, and levels
-    /// of one name with differing maps.
+    /// A directory without runs, no run that can be read, two runs that are the same seed of the same arm, and levels of
+    /// one name with differing maps.
     pub fn read(directories: &[PathBuf]) -> Result<Self> {
-        let found = runs::find(directories)?;
+        let (found, mut left_out) = runs::find(directories)?;
         let levels = levels::of_runs(&found)?;
-        let runs: Vec<Run> = found.into_iter().map(|found| Run::read(found, &levels)).collect::<Result<_>>()?;
-        Ok(Self::new(levels, &runs)?)
+        let mut runs = Vec::new();
+        for found in found {
+            let path = found.path.clone();
+            match Run::read(found, &levels) {
+                Ok(run) => runs.push(run),
+                Err(error) => left_out.push((path, error)),
+            }
+        }
+        match left_out.pop() {
+            // One run that cannot be read must not hide a hundred; of none but such there is nothing to compare.
+            Some((_, error)) if runs.is_empty() => return Err(error),
+            last => left_out.extend(last),
+        }
+        Ok(Self::new(levels, &runs, left_out.iter().map(LeftOut::new).collect())?)
     }
 
-    fn new(levels: Vec<LevelInfo>, runs: &[Run]) -> Result<Self, UserError> {
+    fn new(levels: Vec<LevelInfo>, runs: &[Run], left_out: Vec<LeftOut>) -> Result<Self, UserError> {
         let groups = arms::groups(runs)?;
         let conventions = Conventions {
             bootstrap: Bootstrap::default(),
@@ -167,7 +181,9 @@ impl Analysis {
         let arms: Vec<Arm> =
             groups.iter().map(|group| Arm::new(group, &levels, &conventions.bootstrap, &mut bands)).collect();
         let mut warnings: Vec<String> = runs.iter().flat_map(Run::warnings).collect();
+        warnings.extend(left_out.iter().map(|LeftOut { why, .. }| format!("left out: {why}")));
         warnings.extend(groups.iter().filter_map(arms::weak_dose));
+        warnings.extend(arms::mixed_versions(&groups));
         Ok(Self {
             format: FORMAT,
             against_afresh: against_afresh::contrasts(&arms, &conventions.bootstrap),
@@ -175,6 +191,7 @@ impl Analysis {
             differences: arms::differences(&groups),
             runs: runs::infos(&groups),
             missing: runs::missing(&groups, &levels),
+            left_out,
             published: published::beside(&levels),
             conventions,
             levels,

@@ -8,14 +8,14 @@ use anyhow::Result;
 use serde::Serialize;
 
 use super::Protocol;
-use super::arms::Group;
+use super::arms::{Group, are_counterparts};
 use super::levels::LevelInfo;
 use super::logs::Logs;
 use crate::error::UserError;
 use crate::report::find::{NoRun, find_runs};
 use crate::results::{Episode, LevelResult};
 use crate::run::evaluations::{self, Phase, Row};
-use crate::run::manifest::{Manifest, Status};
+use crate::run::manifest::{Manifest, Status, Versions};
 
 /// The folder of runs through a whole curriculum; others hold runs on one level afresh.
 const CURRICULUM: &str = "curriculum";
@@ -43,6 +43,19 @@ pub struct RunInfo {
     pub rows_without_return: u64,
     /// Rows of logs that are cut off or no numbers, which are left out.
     pub damaged_rows: u64,
+    /// The versions of cpp-rl that it was made by, over all its starts.
+    pub versions: Vec<String>,
+    /// The instruction sets that its fused kernel used: results on another one differ by rounding.
+    pub instruction_sets: Vec<String>,
+}
+
+/// A directory that should hold a run, and why it is left out.
+#[derive(Clone, Debug, Serialize)]
+pub struct LeftOut {
+    /// The directory.
+    pub path: PathBuf,
+    /// What is wrong, with the file's name.
+    pub why: String,
 }
 
 /// Something that should be there and is not.
@@ -63,6 +76,9 @@ pub(super) struct Found {
     pub(super) path: PathBuf,
     pub(super) manifest: Manifest,
 }
+
+/// A directory that should hold a run, and why it cannot be read.
+type Unread = (PathBuf, anyhow::Error);
 
 /// What is kept of a run: its size depends on the numbers of its stages and measures alone.
 pub(super) struct Run {
@@ -89,26 +105,48 @@ pub(super) struct Evaluated {
     pub(super) steps_solved: Option<f64>,
 }
 
-/// Finds all runs in and below these directories.
-pub(super) fn find(directories: &[PathBuf]) -> Result<Vec<Found>> {
-    let mut paths = BTreeSet::new();
+/// Finds all runs in and below these directories, and what should be one and cannot be read.
+pub(super) fn find(directories: &[PathBuf]) -> Result<(Vec<Found>, Vec<Unread>)> {
+    let (mut paths, mut others) = (BTreeSet::new(), BTreeMap::new());
     for directory in directories {
         let cannot = |path: &Path, error: &io::Error| {
             UserError::new(format!("cannot read the directory {}: {error}", path.display()))
         };
         let found = find_runs(directory).map_err(|error| cannot(directory, &error))?;
-        for (path, other) in &found.others {
-            if let NoRun::Unreadable(error) = other {
-                return Err(cannot(path, error).into());
-            }
+        let is_foreign = |(_, other): &(PathBuf, NoRun)| matches!(other, NoRun::Foreign);
+        let nothing = found.runs.is_empty() && found.others.iter().all(is_foreign);
+        for (path, other) in found.others {
+            let why = match other {
+                NoRun::Unreadable(error) => cannot(&path, &error),
+                NoRun::NotBegun => UserError::new(format!(
+                    "{}: no manifest: the run has not begun, or was killed before it did",
+                    path.display()
+                )),
+                NoRun::Foreign => continue,
+            };
+            others.insert(path, why);
         }
-        if found.runs.is_empty() {
+        if nothing {
             let message = "holds no run: give a run's directory (with a manifest.json) or a folder of runs";
             return Err(UserError::new(format!("{} {message}", directory.display())).into());
         }
         paths.extend(found.runs);
     }
-    paths.into_iter().map(|path| Ok(Found { manifest: Manifest::read(&path)?, path })).collect()
+    let (mut runs, mut left_out) = (Vec::new(), Vec::new());
+    left_out.extend(others.into_iter().map(|(path, why)| (path, why.into())));
+    for path in paths {
+        match Manifest::read(&path) {
+            Ok(manifest) => runs.push(Found { path, manifest }),
+            Err(error) => left_out.push((path, error)),
+        }
+    }
+    Ok((runs, left_out))
+}
+
+impl LeftOut {
+    pub(super) fn new((path, error): &Unread) -> Self {
+        Self { path: path.clone(), why: format!("{error:#}") }
+    }
 }
 
 impl Run {
@@ -154,6 +192,18 @@ impl Run {
         warnings
     }
 
+    /// The versions of cpp-rl that it was made by; older manifests do not list its starts.
+    pub(super) fn versions(&self) -> Vec<String> {
+        let describe = |v: &Versions| format!("cpp-rl {} (commit {}, libtorch {})", v.cpp_rl, v.git, v.libtorch);
+        let starts = self.manifest.starts.iter().map(|start| &start.versions);
+        distinct([&self.manifest.versions].into_iter().chain(starts).map(describe))
+    }
+
+    /// The instruction sets of all starts that say theirs.
+    pub(super) fn instruction_sets(&self) -> Vec<String> {
+        distinct(self.manifest.starts.iter().map(|start| start.instruction_set.clone()))
+    }
+
     fn why_unfinished(&self) -> Option<&str> {
         match &self.manifest.status {
             Status::Finished => None,
@@ -162,6 +212,11 @@ impl Run {
             Status::Failed(why) => Some(why),
         }
     }
+}
+
+/// Each text once, sorted.
+fn distinct(texts: impl Iterator<Item = String>) -> Vec<String> {
+    texts.collect::<BTreeSet<String>>().into_iter().collect()
 }
 
 /// Sums up evaluations by stage and level.
@@ -221,11 +276,14 @@ impl RunInfo {
             log_rows: run.logs.rows,
             rows_without_return: run.logs.rows_without_return,
             damaged_rows: run.logs.damaged_rows,
+            versions: run.versions(),
+            instruction_sets: run.instruction_sets(),
         }
     }
 }
 
-/// Stages that are not done in runs that are there, and levels that other seeds of an arm were trained on afresh.
+/// Stages that are not done in runs that are there, levels that other seeds of an arm were trained on afresh, and seeds
+/// that only the counterpart of an arm has: the curriculum's of runs afresh, and the reverse.
 pub(super) fn missing(groups: &[Group], levels: &[LevelInfo]) -> Vec<Missing> {
     let mut missing = Vec::new();
     for (arm, group) in groups.iter().enumerate() {
@@ -238,7 +296,9 @@ pub(super) fn missing(groups: &[Group], levels: &[LevelInfo]) -> Vec<Missing> {
             }
         }
         let trained = |level: &&LevelInfo| group.runs.iter().any(|run| run.trains_on(&level.name));
-        for seed in group.seeds() {
+        let counterparts = groups.iter().filter(|other| are_counterparts(group, other));
+        let seeds: BTreeSet<u64> = counterparts.chain([group]).flat_map(Group::seeds).collect();
+        for seed in seeds {
             let of_seed = || group.runs.iter().filter(|run| run.manifest.seed == seed);
             let absent = |level: &&LevelInfo| !of_seed().any(|run| run.trains_on(&level.name));
             let absent: Vec<String> =

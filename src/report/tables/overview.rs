@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use serde_json::Value;
 
-use super::super::analysis::{Aggregates, Analysis, Arm, Difference, Improvement, LevelOutcome, Missing};
+use super::super::analysis::{Aggregates, Analysis, Arm, Difference, Improvement, LeftOut, LevelOutcome, Missing};
 use super::super::{Cell, Table};
 use super::{count, interval_note};
 
@@ -118,10 +118,13 @@ pub(super) fn missing(analysis: &Analysis) -> Table {
             missing.why.as_str().into(),
         ]
     };
+    let unread = |left_out: &LeftOut| {
+        vec![left_out.path.display().to_string().into(), Cell::Missing, Cell::Missing, left_out.why.as_str().into()]
+    };
     Table {
         title: "Missing: stages and runs that have no result".to_owned(),
         columns: head(&["arm", "seed", "levels", "why"]),
-        rows: analysis.missing.iter().map(row).collect(),
+        rows: analysis.missing.iter().map(row).chain(analysis.left_out.iter().map(unread)).collect(),
         notes: Vec::new(),
     }
 }
