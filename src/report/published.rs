@@ -1,9 +1,14 @@
 //! What the study printed, to stand beside what is measured here. Single seeds, each.
 
-use coverage_env::{BUILTIN_IDS, Level};
+use coverage_env::Level;
 use serde::Serialize;
 
-use super::analysis::LevelInfo;
+use super::analysis::{Arm, LevelInfo, Protocol};
+
+/// The step limit of the study's episodes.
+const MAX_STEPS: u32 = 200;
+/// The place in the curriculum of the level after whose stage the study evaluated its models on all levels.
+const EVALUATED_AFTER: usize = 3;
 
 /// The study's Tables 1 to 5, columns in the order of its levels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -31,6 +36,8 @@ pub struct Published {
 pub struct PublishedArm {
     /// The preset that repeats it.
     pub preset: &'static str,
+    /// Timesteps of training per level.
+    pub timesteps: u64,
     /// In the order of the levels.
     pub levels: [PublishedMean; 5],
 }
@@ -54,8 +61,8 @@ const fn row(pairs: [(f64, f64); 5]) -> [PublishedMean; 5] {
     row
 }
 
-const fn arm(preset: &'static str, pairs: [(f64, f64); 5]) -> PublishedArm {
-    PublishedArm { preset, levels: row(pairs) }
+const fn arm(preset: &'static str, timesteps: u64, pairs: [(f64, f64); 5]) -> PublishedArm {
+    PublishedArm { preset, timesteps, levels: row(pairs) }
 }
 
 /// As printed. The study's notebook has 40.45 and 40.65 for the A* means of levels 2 and 3.
@@ -66,30 +73,40 @@ pub const STUDY: Published = Published {
     astar_min: [40.0, 43.0, 37.0, 38.0, 24.0],
     astar_max: [45.0, 48.0, 44.0, 44.0, 36.0],
     after_level_3: [
-        arm("dqn", [(-197.15, 4.08), (-198.80, 3.06), (-199.70, 0.90), (39.35, 2.41), (-199.70, 1.31)]),
-        arm("ppo", [(-194.45, 2.38), (-196.10, 6.23), (-199.55, 1.96), (40.55, 2.20), (-200.00, 0.00)]),
-        arm("ppo-l2", [(-194.60, 2.62), (-197.90, 3.69), (-148.50, 95.68), (37.40, 3.17), (-200.00, 0.00)]),
+        arm("dqn", 1_000_000, [(-197.15, 4.08), (-198.80, 3.06), (-199.70, 0.90), (39.35, 2.41), (-199.70, 1.31)]),
+        arm("ppo", 500_000, [(-194.45, 2.38), (-196.10, 6.23), (-199.55, 1.96), (40.55, 2.20), (-200.00, 0.00)]),
+        arm("ppo-l2", 500_000, [(-194.60, 2.62), (-197.90, 3.69), (-148.50, 95.68), (37.40, 3.17), (-200.00, 0.00)]),
     ],
     right_after: [
-        arm("dqn", [(42.646, 1.49), (44.636, 2.39), (38.286, 3.71), (35.063, 30.76), (-197.549, 3.96)]),
-        arm("ppo", [(42.723, 1.48), (36.783, 44.46), (29.739, 46.56), (40.316, 2.13), (25.823, 33.18)]),
-        arm("ppo-l2", [(42.833, 1.61), (44.835, 2.00), (36.05, 28.22), (34.15, 35.19), (26.723, 31.56)]),
+        arm("dqn", 1_000_000, [(42.646, 1.49), (44.636, 2.39), (38.286, 3.71), (35.063, 30.76), (-197.549, 3.96)]),
+        arm("ppo", 500_000, [(42.723, 1.48), (36.783, 44.46), (29.739, 46.56), (40.316, 2.13), (25.823, 33.18)]),
+        arm("ppo-l2", 500_000, [(42.833, 1.61), (44.835, 2.00), (36.05, 28.22), (34.15, 35.19), (26.723, 31.56)]),
     ],
     right_after_astar: row([(42.22, 1.42), (45.45, 1.84), (39.92, 2.19), (40.23, 2.08), (31.18, 3.23)]),
 };
 
 impl Published {
-    /// The column of a level of this comparison.
+    /// The column of a level of this comparison: one with the study's map and step limit, whatever it is called.
     pub fn column(&self, level: &LevelInfo) -> Option<usize> {
-        self.levels.iter().position(|&name| name == level.name)
+        let has_map = |id: &&str| Level::builtin(id).is_some_and(|own| own.to_map().trim_end() == level.map.trim_end());
+        if level.max_steps == MAX_STEPS { self.levels.iter().position(has_map) } else { None }
+    }
+
+    /// How many stages an arm has in common with the study's curriculum, from the first on: what it learned before
+    /// these is what the study's models had learned. 0 for runs afresh.
+    pub fn shared_stages(&self, arm: &Arm, levels: &[LevelInfo]) -> usize {
+        let stages = arm.stages.iter().enumerate();
+        let shared = stages.take_while(|(place, stage)| self.column(&levels[stage.level]) == Some(*place)).count();
+        if arm.protocol == Protocol::Curriculum { shared } else { 0 }
+    }
+
+    /// Whether `level` is the one after whose stage the study evaluated its models on all levels.
+    pub fn evaluated_after(&self, level: &LevelInfo) -> bool {
+        self.column(level) == Some(EVALUATED_AFTER)
     }
 }
 
-/// The published figures, if any level here is one of the study's, map and all.
+/// The published figures, if any level here is one of the study's.
 pub(super) fn beside(levels: &[LevelInfo]) -> Option<Published> {
-    let of_study = |level: &LevelInfo| {
-        let builtin = BUILTIN_IDS.iter().find(|id| **id == level.name).and_then(|id| Level::builtin(id));
-        builtin.is_some_and(|builtin| builtin.to_map().trim_end() == level.map.trim_end())
-    };
-    levels.iter().any(of_study).then_some(STUDY)
+    levels.iter().any(|level| STUDY.column(level).is_some()).then_some(STUDY)
 }

@@ -55,10 +55,10 @@ pub fn after_stage(curriculum: &Curriculum, stage: u16, runs: &[Vec<Row>], plann
         let means: Vec<f64> = results.iter().map(|result| result.mean).collect();
         let (returns, solved) = match &results[..] {
             [] => (Cell::Missing, Cell::Missing),
-            [one] => (Cell::MeanStd(one.mean, one.std), Cell::Number(100.0 * one.solved_share, 1)),
+            [one] => (Cell::MeanStd(one.mean, Some(one.std)), Cell::Number(100.0 * one.solved_share, 1)),
             _ => {
                 let (mean, std) = mean_std(&means);
-                (Cell::MeanStd(mean, std), Cell::Number(100.0 * mean_std(&shares).0, 1))
+                (Cell::MeanStd(mean, Some(std)), Cell::Number(100.0 * mean_std(&shares).0, 1))
             }
         };
         vec![
@@ -86,10 +86,10 @@ pub fn matrix(curriculum: &Curriculum, runs: &[Vec<Row>], planned: &[Planned]) -
         let result = |rows: &Vec<Row>| level_result(rows, phase, stage, level.name());
         match &runs.iter().filter_map(result).collect::<Vec<_>>()[..] {
             [] => Cell::Missing,
-            [one] => Cell::MeanStd(one.mean, one.std),
+            [one] => Cell::MeanStd(one.mean, Some(one.std)),
             results => {
                 let (mean, std) = mean_std(&results.iter().map(|result| result.mean).collect::<Vec<f64>>());
-                Cell::MeanStd(mean, std)
+                Cell::MeanStd(mean, Some(std))
             }
         }
     };

@@ -38,10 +38,12 @@ pub enum Cell {
     Text(String),
     /// A number, shown with this many decimals.
     Number(f64, usize),
-    /// A mean and a standard deviation.
-    MeanStd(f64, f64),
+    /// A mean and a standard deviation, which one value has not.
+    MeanStd(f64, Option<f64>),
     /// A statistic with its interval, if it has one, shown with this many decimals.
     Interval(f64, Option<Interval>, usize),
+    /// Such a number, of other than as many seeds as its row says.
+    OfSeeds(Box<Cell>, usize),
     /// There is no such result.
     Missing,
 }
@@ -86,11 +88,13 @@ impl Cell {
         match self {
             Self::Text(text) => text.clone(),
             Self::Number(value, decimals) => format!("{value:.decimals$}"),
-            Self::MeanStd(mean, std) => format!("{mean:.2}{plus_minus}{std:.2}"),
+            Self::MeanStd(mean, None) => format!("{mean:.2}"),
+            Self::MeanStd(mean, Some(std)) => format!("{mean:.2}{plus_minus}{std:.2}"),
             Self::Interval(value, None, decimals) => format!("{value:.decimals$}"),
             Self::Interval(value, Some(Interval { low, high }), decimals) => {
                 format!("{value:.decimals$} [{low:.decimals$}, {high:.decimals$}]")
             }
+            Self::OfSeeds(cell, seeds) => format!("{} (n = {seeds})", cell.shown(plus_minus)),
             Self::Missing => "–".to_owned(),
         }
     }
@@ -100,25 +104,37 @@ impl Cell {
         estimate.into().map_or(Self::Missing, |e| Self::Interval(e.value, e.interval, decimals))
     }
 
+    /// This number, of so many seeds, in a row that says it is of `row`.
+    pub(super) fn of_seeds(self, seeds: usize, row: usize) -> Self {
+        if seeds == row || self == Self::Missing { self } else { Self::OfSeeds(Box::new(self), seeds) }
+    }
+
     /// What the fields of a column of such cells are called after its name.
     fn suffixes(&self) -> &'static [&'static str] {
         match self {
             Self::MeanStd(..) => &[" mean", " std"],
             Self::Interval(..) => &["", " low", " high"],
+            Self::OfSeeds(cell, _) => match cell.suffixes().len() {
+                1 => &["", " seeds"],
+                2 => &[" mean", " std", " seeds"],
+                _ => &["", " low", " high", " seeds"],
+            },
             _ => &[""],
         }
     }
 
-    /// As programs read it; a mean with its deviation takes two fields, a statistic with its interval three.
+    /// As programs read it; a mean with its deviation takes two fields, a statistic with its interval three, and one more
+    /// says of how many seeds it is where that is not what the row says.
     fn fields(&self) -> Vec<String> {
         match self {
             Self::Text(text) => vec![text.clone()],
             Self::Number(value, _) => vec![value.to_string()],
-            Self::MeanStd(mean, std) => vec![mean.to_string(), std.to_string()],
+            Self::MeanStd(mean, std) => vec![mean.to_string(), std.map_or(String::new(), |std| std.to_string())],
             Self::Interval(value, interval, _) => {
                 let bound = |of: fn(&Interval) -> f64| interval.as_ref().map_or(String::new(), |i| of(i).to_string());
                 vec![value.to_string(), bound(|i| i.low), bound(|i| i.high)]
             }
+            Self::OfSeeds(cell, seeds) => [cell.fields(), vec![seeds.to_string()]].concat(),
             Self::Missing => vec![String::new()],
         }
     }
@@ -137,13 +153,16 @@ impl Table {
 
     /// The table as JSON: an object per row, keyed by the columns; a mean with its deviation is an object of both.
     pub fn to_json(&self) -> Value {
-        let value = |cell: &Cell| match cell {
-            Cell::Text(text) => json!(text),
-            Cell::Number(value, _) => json!(value),
-            Cell::MeanStd(mean, std) => json!({ "mean": mean, "std": std }),
-            Cell::Interval(value, interval, _) => json!({ "value": value, "interval": interval }),
-            Cell::Missing => Value::Null,
-        };
+        fn value(cell: &Cell) -> Value {
+            match cell {
+                Cell::Text(text) => json!(text),
+                Cell::Number(value, _) => json!(value),
+                Cell::MeanStd(mean, std) => json!({ "mean": mean, "std": std }),
+                Cell::Interval(value, interval, _) => json!({ "value": value, "interval": interval }),
+                Cell::OfSeeds(cell, seeds) => json!({ "of": value(cell), "seeds": seeds }),
+                Cell::Missing => Value::Null,
+            }
+        }
         let row = |row: &Vec<Cell>| -> Map<String, Value> {
             self.columns.iter().cloned().zip(row.iter().map(value)).collect()
         };
@@ -272,7 +291,7 @@ mod tests {
             title: "Returns".to_owned(),
             columns: vec!["arm".to_owned(), "level 0".to_owned(), "share".to_owned()],
             rows: vec![
-                vec!["ppo_l2".into(), Cell::MeanStd(-10.5, 3.0), Cell::Number(0.125, 2)],
+                vec!["ppo_l2".into(), Cell::MeanStd(-10.5, Some(3.0)), Cell::Number(0.125, 2)],
                 vec!["a|b, c".into(), Cell::Missing, Cell::Number(1.0, 2)],
             ],
             notes: vec!["a note".to_owned()],
@@ -300,6 +319,25 @@ mod tests {
         let markdown = table.render(Format::Markdown);
         assert!(markdown.contains("| a | 0.75 [0.50, 1.00] |\n| b | 0.50 |\n| c | – |"), "{markdown}");
         assert!(table.render(Format::Latex).contains("a & $0.75 [0.50, 1.00]$ \\\\"));
+    }
+
+    #[test]
+    fn cells_of_other_numbers_of_seeds_say_so() {
+        let mean = |value: f64, std: Option<f64>, seeds| Cell::MeanStd(value, std).of_seeds(seeds, 5);
+        let gap = |seeds| Cell::Interval(0.5, None, 1).of_seeds(seeds, 5);
+        let rows = vec![
+            vec!["a".into(), mean(1.0, Some(0.5), 5), gap(5)],
+            vec!["b".into(), mean(2.0, None, 1), gap(3)],
+            vec!["c".into(), Cell::Missing.of_seeds(0, 5), Cell::Missing],
+        ];
+        let columns = ["arm", "return", "gap"].map(str::to_owned).to_vec();
+        let table = Table { title: String::new(), columns, rows, notes: Vec::new() };
+        let markdown = table.render(Format::Markdown);
+        assert!(markdown.contains("| a | 1.00 ± 0.50 | 0.5 |\n| b | 2.00 (n = 1) | 0.5 (n = 3) |\n| c | – | – |"));
+        let csv = "arm,return mean,return std,return seeds,gap,gap low,gap high,gap seeds\n\
+                   a,1,0.5,,0.5,,,\nb,2,,1,0.5,,,3\nc,,,,,,,\n";
+        assert_eq!(table.render(Format::Csv), csv);
+        assert_eq!(table.to_json()["rows"][1]["return"], json!({ "of": { "mean": 2.0, "std": null }, "seeds": 1 }));
     }
 
     #[test]

@@ -65,7 +65,7 @@ impl Topic {
             }
             Self::Returns => {
                 "Runs are seeds: every interval is over seeds, none over episodes. Rows marked (published) are what the \
-                 study printed, of one seed each."
+                 study printed, of one seed each, beside arms that were trained on its levels in its order."
             }
             Self::Matrix => "What is left of earlier levels, and what is there of later ones.",
             Self::Continual => "Of normalised returns: 0 is the worst return there is, 1 the proved mean optimum.",

@@ -201,6 +201,13 @@ fn analysis(runs: &[Fake]) -> Analysis {
     read(&root)
 }
 
+/// One of its tables.
+fn table(analysis: &Analysis, name: &str, format: Format) -> String {
+    let all = tables::all(analysis);
+    let named = all.iter().find(|named| named.name == name);
+    named.unwrap_or_else(|| panic!("no table {name}")).table.render(format)
+}
+
 /// The contrast on level b, the only one with runs afresh.
 fn contrast_on_b(analysis: &Analysis) -> &LevelContrast {
     let b = analysis.level("b").expect("level b");
@@ -216,13 +223,15 @@ fn one_seed_has_no_interval_and_says_so() {
     let arm = &analysis.arms[0];
     let outcome = arm.levels[0].as_ref().expect("a result");
     assert_near(outcome.mean, optimum("a").mean, 1e-12);
-    assert_near(outcome.std, optimum("a").std, 1e-12); // over start cells
+    assert_eq!(outcome.std, None);
+    assert_near(outcome.seeds[&0].std, optimum("a").std, 1e-12); // over start cells
     assert_eq!(outcome.return_mean.interval, None);
     assert!(arm.aggregates.as_ref().is_some_and(|a| a.mean.interval.is_none() && a.mean.runs == 1));
     assert!(contrast_on_b(&analysis).area.as_ref().is_some_and(|area| area.difference.interval.is_none()));
     assert!(arm.curves[0].mean.iter().flatten().all(|band| band.low.is_none() && band.seeds == 1));
     let text: String = tables::main(&analysis).iter().map(|table| table.render(Format::Table)).collect();
     assert!(text.contains("One seed has no interval: ppo") && text.contains("one seed tells nothing"), "{text}");
+    assert!(text.contains(&format!("{:.2} ± {:.2}", optimum("a").mean, optimum("a").std)), "{text}");
 }
 
 #[test]
@@ -257,6 +266,29 @@ fn thirty_seeds_give_what_was_computed_by_hand() {
     let end = matrix.rows[2].cells[0].as_ref().expect("a result");
     assert_near(end.normalised.expect("an optimum"), 0.5, 1e-12);
     assert_eq!((end.seeds.len(), matrix.rows[2].after.map(|stage| stage.level)), (30, Some(1)));
+}
+
+#[test]
+fn a_level_has_mean_median_and_iqm_with_their_intervals() {
+    let fails_b = Fake { skill: |_, _| Skill::Lost, ..AFRESH_B };
+    let runs: Vec<Fake> = (0..8).map(|seed| Fake { seed, ..if seed < 2 { fails_b } else { AFRESH_B } }).collect();
+    let analysis = analysis(&runs);
+    let outcome = analysis.arms[0].levels[0].as_ref().expect("a result");
+    let (worst, best) = (-f64::from(MAX_STEPS), optimum("b").mean);
+    assert_near(outcome.return_mean.value, (2.0 * worst + 6.0 * best) / 8.0, 1e-9);
+    assert_near(outcome.return_median.value, best, 1e-9);
+    // Two of eight go at either end, and with them both that fail.
+    assert_near(outcome.return_iqm.value, best, 1e-9);
+    let interval = outcome.return_iqm.interval.expect("an interval");
+    // Half of the resamples hold two that fail or fewer, and some four or more.
+    assert_near(interval.high, best, 1e-9);
+    assert!(interval.low < best - 0.25 * (best - worst) && interval.low > worst, "{interval:?}");
+    let csv = table(&analysis, "returns", Format::Csv);
+    let row = csv.lines().nth(1).expect("a row");
+    let numbers: Vec<f64> = row.split(',').skip(3).map(|field| field.parse().expect("a number")).collect();
+    assert!(csv.starts_with("arm,level,seeds,mean,mean low,mean high,median,") && row.starts_with("ppo (afresh),b,8,"));
+    assert_near(numbers[0], outcome.return_mean.value, 1e-9);
+    assert_near(numbers[7], interval.low, 1e-9);
 }
 
 #[test]
@@ -411,20 +443,53 @@ fn arms_are_compared_unpaired_and_long_logs_shortened() {
 }
 
 #[test]
-fn the_published_figures_stand_beside_the_studys_levels_alone() {
-    assert!(analysis(&[CURRICULUM]).published.is_none());
-    let study = Fake { levels: &["0", "3"], ..CURRICULUM };
+fn the_published_figures_stand_beside_the_studys_curriculum() {
+    let study = Fake { levels: &["0", "1", "2", "3"], stages_done: 4, ..CURRICULUM };
     let analysis = analysis(&[study]);
-    let table = |name: &str| {
-        let all = tables::all(&analysis);
-        all.iter().find(|named| named.name == name).expect("the table is there").table.render(Format::Csv)
-    };
-    let right_after = table("right-after-training");
-    assert!(right_after.contains("ppo (published),1,42.723,1.48,40.316,2.13"), "{right_after}");
-    let after = table("after-level-3");
-    assert!(after.contains("ppo (published),1,-194.45,2.38,40.55,2.2"), "{after}");
-    assert!(table("planners").contains("0,A* (published),20,42.25,,40,45,"));
-    assert!(!table("after-level-0").contains("published"));
+    let table = |name: &str, format: Format| table(&analysis, name, format);
+    let right_after = table("right-after-training", Format::Csv);
+    assert!(
+        right_after.contains("ppo (published),1,42.723,1.48,36.783,44.46,29.739,46.56,40.316,2.13"),
+        "{right_after}"
+    );
+    let after = table("after-level-3", Format::Csv);
+    assert!(after.contains("ppo (published),1,-194.45,2.38,-196.1,6.23,-199.55,1.96,40.55,2.2"), "{after}");
+    let after = table("after-level-3", Format::Markdown);
+    assert!(after.contains("(the study's Tables 2-4)") && after.contains("Published: one seed"), "{after}");
+    assert!(after.contains("Trained for another time here: ppo (1000 timesteps on a level, not 500000)."), "{after}");
+    let planners = table("planners", Format::Csv);
+    assert!(
+        planners.contains("0,A* (published),20,42.25,,40,45,") && planners.contains("\n0,random,55,-"),
+        "{planners}"
+    );
+    let other = table("after-level-0", Format::Markdown);
+    assert!(!other.contains("ublished") && !other.contains("the study's"), "{other}");
+}
+
+#[test]
+fn published_figures_stand_beside_nothing_that_they_do_not_describe() {
+    assert!(analysis(&[CURRICULUM]).published.is_none());
+    // The study's models knew levels 1 and 2 when they were trained on level 3.
+    let skipping = analysis(&[Fake { levels: &["0", "3"], ..CURRICULUM }]);
+    let right_after = table(&skipping, "right-after-training", Format::Csv);
+    assert!(right_after.contains("ppo (published),1,42.723,1.48,,\n"), "{right_after}");
+    assert!(!table(&skipping, "after-level-3", Format::Markdown).contains("ublished"));
+    let backwards = analysis(&[Fake { levels: &["3", "0"], ..CURRICULUM }]);
+    let right_after = table(&backwards, "right-after-training", Format::Csv);
+    assert!(!right_after.contains("ppo (published)") && right_after.contains("A* (published)"), "{right_after}");
+    // Level 3 in name alone.
+    let root = TempDir::new().expect("a folder");
+    let path = Fake { levels: &["0", "3"], ..CURRICULUM }.write(root.path());
+    let mut manifest = Manifest::read(&path).expect("a manifest");
+    manifest.stages[1].map = map("a");
+    manifest.write(&path).expect("the folder is writable");
+    let planners = table(&read(&root), "planners", Format::Csv);
+    assert!(planners.contains("\n0,A* (published)") && !planners.contains("\n3,A* (published)"), "{planners}");
+    // Another step limit makes other returns.
+    manifest.stages[1].map = map("3");
+    manifest.config.insert("max_steps".to_owned(), json!(100));
+    manifest.write(&path).expect("the folder is writable");
+    assert!(read(&root).published.is_none());
 }
 
 #[test]

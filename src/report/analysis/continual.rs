@@ -8,7 +8,6 @@ use rl_stats::{Bootstrap, Estimate};
 use serde::Serialize;
 
 use super::{ArmStage, Matrix, MatrixRow};
-use crate::results::mean_std;
 
 /// The measures of a curriculum; only seeds that have finished all stages count.
 #[derive(Clone, Debug, Serialize)]
@@ -25,12 +24,8 @@ pub struct Continual {
     pub forgetting_by_stage: Vec<Option<OverSeeds>>,
     /// Mean loss on an earlier level through one stage (Powers et al. 2022).
     pub isolated_forgetting: Option<OverSeeds>,
-    /// The same for each earlier level i and stage j, `[i][j]`: the mean over seeds.
-    pub isolated_forgetting_matrix: Vec<Vec<Option<f64>>>,
     /// Mean gain on a later level through one stage (Powers et al. 2022).
     pub zero_shot_transfer: Option<OverSeeds>,
-    /// The same for each later level i and stage j, `[i][j]`: the mean over seeds.
-    pub zero_shot_transfer_matrix: Vec<Vec<Option<f64>>>,
 }
 
 /// One number per seed.
@@ -61,18 +56,14 @@ impl Continual {
         };
         // Normalised returns are shares of the optimum already.
         let ones = vec![1.0; stages.len()];
-        let isolated = |r: &ReturnMatrix| r.isolated_forgetting(&ones);
-        let zero_shot = |r: &ReturnMatrix| r.zero_shot_transfer(&ones);
         Some(Self {
             average_performance: over_seeds(&ReturnMatrix::average_performance),
             backward_transfer: over_seeds(&ReturnMatrix::backward_transfer),
             forward_transfer: over_seeds(&ReturnMatrix::forward_transfer),
             forgetting: over_seeds(&ReturnMatrix::mean_forgetting),
             forgetting_by_stage: (0..stages.len()).map(|stage| over_seeds(&|r| Some(r.forgetting()[stage]))).collect(),
-            isolated_forgetting: over_seeds(&|r| mean_entry(&isolated(r))),
-            isolated_forgetting_matrix: mean_matrix(matrices.values().map(isolated)),
-            zero_shot_transfer: over_seeds(&|r| mean_entry(&zero_shot(r))),
-            zero_shot_transfer_matrix: mean_matrix(matrices.values().map(zero_shot)),
+            isolated_forgetting: over_seeds(&|r| mean_entry(&r.isolated_forgetting(&ones))),
+            zero_shot_transfer: over_seeds(&|r| mean_entry(&r.zero_shot_transfer(&ones))),
         })
     }
 }
@@ -88,15 +79,4 @@ fn seed_matrices(matrix: &Matrix) -> BTreeMap<u64, ReturnMatrix> {
         Some((seed, ReturnMatrix::new(row(before)?, after.iter().map(row).collect::<Option<_>>()?)))
     };
     last.into_iter().flat_map(|cell| cell.seeds.keys()).filter_map(of_seed).collect()
-}
-
-/// The mean over seeds of each entry.
-fn mean_matrix(matrices: impl Iterator<Item = Vec<Vec<Option<f64>>>>) -> Vec<Vec<Option<f64>>> {
-    let all: Vec<_> = matrices.collect();
-    let size = all.first().map_or(0, Vec::len);
-    let mean = |i: usize, j: usize| {
-        let entries = all.iter().map(|matrix| matrix[i][j]).collect::<Option<Vec<f64>>>()?;
-        Some(mean_std(&entries).0)
-    };
-    (0..size).map(|i| (0..size).map(|j| mean(i, j)).collect()).collect()
 }

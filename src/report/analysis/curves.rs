@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use rl_stats::aggregate::{interquartile_mean, mean};
+use rl_stats::aggregate::mean;
 use serde::Serialize;
 
 use super::ArmStage;
@@ -22,8 +22,6 @@ pub struct Curve {
     pub points: Vec<SeriesPoint>,
     /// The mean over the seeds that have a value, by point.
     pub mean: Vec<Option<Band>>,
-    /// The interquartile mean over the same seeds, by point.
-    pub interquartile_mean: Vec<Option<Band>>,
     /// Each seed's values, by point; null where it has none.
     pub seeds: BTreeMap<u64, Vec<Option<f64>>>,
 }
@@ -54,7 +52,7 @@ pub struct SeriesPoint {
     pub cumulative_timesteps: f64,
 }
 
-/// A statistic over seeds.
+/// A mean over seeds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Band {
     /// Its value.
@@ -94,11 +92,11 @@ impl Series {
         }
     }
 
-    /// A statistic over seeds at every point.
-    fn band(&self, bands: &mut Bands, statistic: fn(&[Vec<f64>]) -> f64) -> Vec<Option<Band>> {
+    /// The mean over seeds at every point.
+    fn means(&self, bands: &mut Bands) -> Vec<Option<Band>> {
         let mut at = |place: usize| {
             let values: Vec<f64> = self.seeds.values().filter_map(|values| values[place]).collect();
-            let (value, interval) = bands.point(&values, statistic)?;
+            let (value, interval) = bands.point(&values, mean)?;
             let [low, high] = [interval.map(|i| i.low), interval.map(|i| i.high)];
             Some(Band { value, low, high, seeds: values.len() })
         };
@@ -121,8 +119,7 @@ pub(super) fn learning(group: &Group, stages: &[ArmStage], names: &[&str], bands
         Curve {
             stage: stage.stage,
             level: stage.level,
-            mean: series.band(bands, mean),
-            interquartile_mean: series.band(bands, interquartile_mean),
+            mean: series.means(bands),
             points: series.points,
             seeds: series.seeds,
         }
@@ -152,7 +149,7 @@ pub(super) fn plasticity<'a>(
                 measure: measure.clone(),
                 stage: stage.stage,
                 level: stage.level,
-                mean: series.band(bands, mean),
+                mean: series.means(bands),
                 points: series.points,
                 seeds: series.seeds,
             });

@@ -4,10 +4,11 @@ use std::cmp::Reverse;
 use std::sync::Arc;
 
 use coverage_env::Level;
-use coverage_env::planner::{self, AStar, Optimal};
+use coverage_env::planner::{self, AStar, Optimal, Random};
 use serde::Serialize;
 
 use super::runs::Found;
+use crate::agent::random::{Purpose, Stream};
 use crate::error::UserError;
 use crate::evaluate::{self, Starts};
 use crate::results::{Episode, LevelResult, mean_std};
@@ -21,7 +22,9 @@ pub struct LevelInfo {
     pub map: String,
     /// The step limit, and so the negated worst return.
     pub max_steps: u32,
-    /// The study's greedy A*; none where the map cannot be read.
+    /// Uniform actions; none where the map cannot be read.
+    pub random: Option<Planner>,
+    /// The study's greedy A*; likewise.
     pub astar: Option<Planner>,
     /// The proved optimum, where it is within reach.
     pub optimal: Option<Planner>,
@@ -78,6 +81,7 @@ impl LevelInfo {
             let plan = |planner: &mut dyn planner::Planner| {
                 evaluate::planner(planner, &level, max_steps, Starts::Exhaustive).ok().map(|r| Planner::new(&r))
             };
+            self.random = plan(&mut Random::new(Stream::new(0, 0, Purpose::EvaluationActions)));
             (self.astar, self.optimal) = (plan(&mut AStar), plan(&mut Optimal::new()));
         }
         self
@@ -98,8 +102,8 @@ pub(super) fn of_runs(runs: &[Found]) -> Result<Vec<LevelInfo>, UserError> {
     for run in runs {
         for stage in &run.manifest.stages {
             let max_steps = run.manifest.max_steps();
-            let here =
-                LevelInfo { name: stage.level.clone(), map: stage.map.clone(), max_steps, astar: None, optimal: None };
+            let (name, map) = (stage.level.clone(), stage.map.clone());
+            let here = LevelInfo { name, map, max_steps, random: None, astar: None, optimal: None };
             match levels.iter().find(|known| known.name == here.name) {
                 None => levels.push(here),
                 Some(known) if *known != here => {

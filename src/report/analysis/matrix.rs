@@ -34,8 +34,10 @@ pub struct MatrixRow {
 pub struct MatrixCell {
     /// Mean over seeds of the mean over every start cell.
     pub mean: f64,
-    /// Population standard deviation: over seeds, or over start cells where there is one seed.
-    pub std: f64,
+    /// Population standard deviation over seeds; none of one.
+    pub std: Option<f64>,
+    /// That of one seed over its start cells; none of several.
+    pub std_over_starts: Option<f64>,
     /// Of the mean; none with one seed.
     pub interval: Option<Interval>,
     /// Mean share of start cells solved.
@@ -70,17 +72,19 @@ impl MatrixCell {
             group.runs.iter().filter_map(|run| Some((run.manifest.seed, run.evaluations.get(&key)?))).collect();
         let all = |of: fn(&Evaluated) -> f64| evaluated.values().map(|e| of(e)).collect::<Vec<f64>>();
         let seeds: BTreeMap<u64, f64> = evaluated.iter().map(|(&seed, e)| (seed, e.mean)).collect();
-        let (mean, std) = match evaluated.values().collect::<Vec<_>>()[..] {
+        let (std_over_starts, several) = match evaluated.values().collect::<Vec<_>>()[..] {
             [] => return None,
-            [one] => (one.mean, one.std),
-            _ => mean_std(&all(|e| e.mean)),
+            [one] => (Some(one.std), false),
+            _ => (None, true),
         };
+        let (mean, std) = mean_std(&all(|e| e.mean));
         let normalised_seeds: BTreeMap<u64, f64> =
             evaluated.iter().filter_map(|(&seed, e)| Some((seed, e.normalised?))).collect();
         let normalised = normalised_seeds.values().copied().collect::<Vec<f64>>();
         Some(Self {
             mean,
-            std,
+            std: several.then_some(std),
+            std_over_starts,
             interval: estimate_mean(bootstrap, all(|e| e.mean)).interval,
             solved_share: mean_std(&all(|e| e.solved_share)).0,
             normalised: (!normalised.is_empty()).then(|| mean_std(&normalised).0),

@@ -40,8 +40,8 @@ pub struct SeedOutcome {
 pub struct LevelOutcome {
     /// Mean over seeds.
     pub mean: f64,
-    /// Population standard deviation: over seeds, or over start cells where there is one seed.
-    pub std: f64,
+    /// Population standard deviation over seeds; none of one, whose own over start cells is in `seeds`.
+    pub std: Option<f64>,
     /// Mean share of start cells solved.
     pub solved_share: f64,
     /// The mean return with its interval.
@@ -122,14 +122,13 @@ impl LevelOutcome {
             (!values.is_empty()).then(|| estimate_mean(bootstrap, values))
         };
         let returns = [all(|seed| seed.mean)];
-        let (mean_return, std) = match seeds.values().collect::<Vec<_>>()[..] {
-            [] => return None,
-            [one] => (one.mean, one.std),
-            _ => mean_std(&returns[0]),
-        };
+        if seeds.is_empty() {
+            return None;
+        }
+        let (mean_return, std) = mean_std(&returns[0]);
         Some(Self {
             mean: mean_return,
-            std,
+            std: (seeds.len() > 1).then_some(std),
             solved_share: mean_std(&all(|seed| seed.solved_share)).0,
             return_mean: bootstrap.estimate(&returns, mean),
             return_median: bootstrap.estimate(&returns, median_run),

@@ -1,6 +1,8 @@
 //! What captions say of seeds, intervals and gaps, in the same words everywhere.
 
-use super::super::analysis::{Analysis, Missing};
+use std::collections::BTreeSet;
+
+use super::super::analysis::{Analysis, Band, Missing};
 
 /// How many gaps a caption lists before it refers to the table of all.
 const MOST_LISTED: usize = 4;
@@ -53,11 +55,22 @@ fn without_interval(analysis: &Analysis, arms: &[usize], sentence: &str, what: &
     if several.is_empty() {
         return format!("One seed has no {what}.");
     }
-    if alone.is_empty() {
-        return sentence.to_owned();
-    }
     let names: Vec<&str> = alone.iter().map(|&arm| analysis.arms[arm].name.as_str()).collect();
-    format!("{sentence} One seed has none: {}.", names.join(", "))
+    if !names.is_empty() {
+        return format!("{sentence} One seed has none: {}.", names.join(", "));
+    }
+    // Where seeds lack results, one may be left.
+    let gaps = analysis.missing.iter().any(|missing| arms.contains(&missing.arm));
+    if gaps { format!("{sentence} Where one seed alone has a result there is none.") } else { sentence.to_owned() }
+}
+
+/// Of how many seeds the points of curves are, where those of one arm are not all of the same number; `arms` are the
+/// points of each.
+pub(super) fn points<'a, B: Iterator<Item = &'a Band>>(arms: impl Iterator<Item = B>) -> String {
+    let counts = arms.map(|bands| bands.map(|band| band.seeds).collect::<BTreeSet<usize>>());
+    let varied: BTreeSet<usize> = counts.filter(|counts| counts.len() > 1).flatten().collect();
+    let ends = varied.first().zip(varied.last());
+    ends.map_or(String::new(), |(least, most)| format!("Points are of {least} to {most} seeds."))
 }
 
 /// What has no result among these arms; empty where nothing is missing.

@@ -28,6 +28,12 @@ fn has_curves(arm: &Arm) -> bool {
     arm.curves.iter().any(|curve| !curve.points.is_empty())
 }
 
+/// Of how many seeds the points of these arms' curves are, where that is not one number.
+fn points(analysis: &Analysis, arms: &[usize]) -> String {
+    let of_arm = |&arm: &usize| analysis.arms[arm].curves.iter().flat_map(|curve| curve.mean.iter().flatten());
+    caption::points(arms.iter().map(of_arm))
+}
+
 /// Curricula that share the order of their levels, together.
 pub(super) fn by_sequence<'a>(curricula: &[(usize, &'a Arm)]) -> Vec<Vec<(usize, &'a Arm)>> {
     let mut groups: Vec<Vec<(usize, &Arm)>> = Vec::new();
@@ -117,6 +123,7 @@ fn of_arms(analysis: &Analysis, arms: &[(usize, &Arm)]) -> Option<NamedFigure> {
             format!("{MOVING}, all arms (the study's Figure 6 as it was drawn)."),
             format!("{scale} Lines: means over seeds. {}", caption::seeds(analysis, &indices)),
             caption::bands(analysis, &indices),
+            points(analysis, &indices),
             timeline.note().to_owned(),
             caption::missing(analysis, &indices),
         ]),
@@ -196,6 +203,7 @@ fn afresh(analysis: &Analysis) -> Option<NamedFigure> {
             format!("{MOVING}, a fresh agent on each level: what each arm can learn without a past."),
             format!("Lines: means over seeds. {}", caption::seeds(analysis, &indices)),
             caption::bands(analysis, &indices),
+            points(analysis, &indices),
             caption::missing(analysis, &indices),
         ]),
         drawing: by_level(analysis, about, &arms.iter().map(|&(_, arm)| arm).collect::<Vec<_>>(), &levels, curves)
@@ -229,6 +237,7 @@ fn against_afresh(analysis: &Analysis, against: &AgainstAfresh) -> Option<NamedF
             format!("{}: {}, in the curriculum and afresh.", arm.name, MOVING.to_lowercase()),
             format!("Lines: means over seeds; thin lines: single seeds. {}", caption::seeds(analysis, &both)),
             caption::bands(analysis, &both),
+            points(analysis, &both),
             caption::missing(analysis, &both),
         ]),
         drawing: by_level(analysis, about, &[arm, other], &levels_of(arm), curves).draw(),

@@ -136,9 +136,11 @@ fn chart(timeline: &Timeline, about: About, panels: Vec<CurvePanel>) -> charts::
 
 /// What captions end with.
 fn of_seeds(analysis: &Analysis, timeline: &Timeline, arms: &[usize]) -> String {
+    let of_arm = |&arm: &usize| analysis.arms[arm].plasticity.iter().flat_map(|series| series.mean.iter().flatten());
     caption::join([
         format!("Lines: means over seeds. {}", caption::seeds(analysis, arms)),
         caption::bands(analysis, arms),
+        caption::points(arms.iter().map(of_arm)),
         timeline.note().to_owned(),
         caption::missing(analysis, arms),
     ])

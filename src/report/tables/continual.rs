@@ -1,5 +1,7 @@
 //! Measures of continual learning.
 
+use rl_stats::Estimate;
+
 use super::super::analysis::{Analysis, Continual, OverSeeds};
 use super::super::{Cell, Table};
 use super::{columns, count, interval_note};
@@ -13,8 +15,13 @@ fn cell(measure: &Option<OverSeeds>) -> Cell {
     Cell::estimate(measure.as_ref().map(|measure| &measure.mean), 3)
 }
 
-fn seeds(measures: &Continual) -> Cell {
-    count(measures.average_performance.as_ref().map_or(0, |measure| measure.seeds.len()))
+fn seeds(measures: &Continual) -> usize {
+    measures.average_performance.as_ref().map_or(0, |measure| measure.seeds.len())
+}
+
+/// What the intervals are of.
+fn shown(analysis: &Analysis) -> impl Iterator<Item = (usize, &Estimate)> {
+    measured(analysis).filter_map(|(arm, measures)| Some((arm, &measures.average_performance.as_ref()?.mean)))
 }
 
 /// A row per curriculum, a column per measure.
@@ -28,7 +35,7 @@ pub(super) fn measures(analysis: &Analysis) -> Table {
             &m.isolated_forgetting,
             &m.zero_shot_transfer,
         ];
-        let fixed: [Cell; 2] = [analysis.arms[arm].name.as_str().into(), seeds(m)];
+        let fixed: [Cell; 2] = [analysis.arms[arm].name.as_str().into(), count(seeds(m))];
         let against = analysis.against_afresh.iter().find(|against| against.curriculum == arm);
         let area_transfer = against.map_or(Cell::Missing, |against| cell(&against.area_transfer));
         fixed.into_iter().chain(measures.into_iter().map(cell)).chain([area_transfer]).collect()
@@ -49,8 +56,10 @@ pub(super) fn measures(analysis: &Analysis) -> Table {
         columns: names.map(str::to_owned).to_vec(),
         rows: measured(analysis).map(row).collect(),
         notes: vec![
-            "Of seeds that have finished all stages; docs/metrics.md defines the measures.".to_owned(),
-            interval_note(analysis, measured(analysis).map(|(arm, _)| arm)),
+            "Of seeds that have finished all stages; transfer by areas of those that have areas on all levels that were \
+             also trained afresh. docs/metrics.md defines the measures."
+                .to_owned(),
+            interval_note(analysis, shown(analysis)),
         ],
     }
 }
@@ -64,12 +73,12 @@ pub(super) fn forgetting(analysis: &Analysis) -> Table {
             m.forgetting_by_stage.get(stage)?.as_ref()
         };
         let cells = (0..analysis.levels.len()).map(|level| Cell::estimate(on_level(level).map(|f| &f.mean), 3));
-        [arm.name.as_str().into(), seeds(m)].into_iter().chain(cells).collect()
+        [arm.name.as_str().into(), count(seeds(m))].into_iter().chain(cells).collect()
     };
     Table {
         title: "Forgetting: normalised return right after a level's own stage minus at the end of all".to_owned(),
         columns: columns(&["arm", "seeds"], analysis.levels.iter().map(|level| level.name.clone())),
         rows: measured(analysis).map(row).collect(),
-        notes: vec![interval_note(analysis, measured(analysis).map(|(arm, _)| arm))],
+        notes: vec![interval_note(analysis, shown(analysis))],
     }
 }

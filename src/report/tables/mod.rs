@@ -5,6 +5,10 @@ mod overview;
 mod plasticity_loss;
 mod returns;
 
+use std::collections::BTreeSet;
+
+use rl_stats::Estimate;
+
 use super::analysis::{Analysis, Arm, Protocol};
 use super::names::{file_name, make_unique};
 use super::topic::Topic;
@@ -26,6 +30,7 @@ pub fn all(analysis: &Analysis) -> Vec<NamedTable> {
     let mut tables = vec![
         named("planners", Topic::Levels, returns::planners(analysis)),
         named("right-after-training", Topic::Returns, returns::right_after(analysis)),
+        named("returns", Topic::Returns, returns::by_level(analysis)),
         named("aggregates", Topic::Returns, overview::aggregates(analysis)),
         named("optimality-gap", Topic::Returns, overview::optimality_gap(analysis)),
         named("probability-of-improvement", Topic::Returns, overview::improvement(analysis)),
@@ -45,6 +50,9 @@ pub fn all(analysis: &Analysis) -> Vec<NamedTable> {
     tables.push(named("settings", Topic::Settings, overview::settings(analysis)));
     tables.push(named("missing", Topic::Missing, overview::missing(analysis)));
     tables.retain(|named| !named.table.rows.is_empty());
+    for named in &mut tables {
+        named.table.notes.extend(other_seeds_note(&named.table));
+    }
     make_unique(tables.iter_mut().map(|named| &mut named.name));
     tables
 }
@@ -76,19 +84,28 @@ fn count(number: usize) -> Cell {
     Cell::Number(number as f64, 0)
 }
 
-/// What an interval is, once for all tables that have some.
-fn interval_note(analysis: &Analysis, arms: impl Iterator<Item = usize>) -> String {
+/// Names of levels, in a row.
+fn level_names(analysis: &Analysis, levels: &[usize]) -> String {
+    levels.iter().map(|&level| analysis.levels[level].name.as_str()).collect::<Vec<_>>().join(", ")
+}
+
+/// What "(n = …)" is, where a table has such cells.
+fn other_seeds_note(table: &Table) -> Option<String> {
+    let is_other = |cell: &Cell| matches!(cell, Cell::OfSeeds(..));
+    let note = "(n = …): of so many seeds only, as others have no result there; one seed has no spread.";
+    table.rows.iter().flatten().any(is_other).then(|| note.to_owned())
+}
+
+/// What an interval is, once for all tables that have some; names the arms that have estimates without one.
+fn interval_note<'a>(analysis: &Analysis, estimates: impl Iterator<Item = (usize, &'a Estimate)>) -> String {
     let bootstrap = analysis.conventions.bootstrap;
     let mut note = format!(
         "[low, high]: {:.0}% interval over seeds, percentile bootstrap with {} resamples.",
         100.0 * bootstrap.confidence,
         bootstrap.resamples
     );
-    let alone: Vec<&str> = arms
-        .map(|arm| &analysis.arms[arm])
-        .filter(|arm| arm.seeds.len() == 1)
-        .map(|arm: &Arm| arm.name.as_str())
-        .collect();
+    let alone: BTreeSet<usize> = estimates.filter(|(_, estimate)| estimate.runs == 1).map(|(arm, _)| arm).collect();
+    let alone: Vec<&str> = alone.into_iter().map(|arm| analysis.arms[arm].name.as_str()).collect();
     if !alone.is_empty() {
         note += &format!(" One seed has no interval: {}.", alone.join(", "));
     }

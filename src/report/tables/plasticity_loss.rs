@@ -1,5 +1,7 @@
 //! Each level in the curriculum against the same level afresh.
 
+use rl_stats::Estimate;
+
 use super::super::analysis::{AgainstAfresh, Analysis, LevelContrast, Paired, PairedTimes, TimeSummary};
 use super::super::{Cell, Table};
 use super::{count, interval_note};
@@ -20,12 +22,16 @@ fn rows(analysis: &Analysis, cells: impl Fn(&LevelContrast) -> Vec<Vec<Cell>>) -
 }
 
 fn notes(analysis: &Analysis) -> Vec<String> {
-    let curriculum = |against: &AgainstAfresh| against.curriculum;
+    let areas = |against: &AgainstAfresh| {
+        let areas = against.levels.iter().flatten().filter_map(|level| level.area.as_ref());
+        areas.map(|area| (against.curriculum, area.difference)).collect::<Vec<(usize, Estimate)>>()
+    };
+    let areas: Vec<(usize, Estimate)> = analysis.against_afresh.iter().flat_map(areas).collect();
     let mut notes = vec![
         "Paired by seed. Differences are curriculum - afresh: below 0 the curriculum learns worse. Where few starts \
          are solved afresh, the level is hard, and no loss of plasticity can be seen."
             .to_owned(),
-        interval_note(analysis, analysis.against_afresh.iter().map(curriculum)),
+        interval_note(analysis, areas.iter().map(|(arm, estimate)| (*arm, estimate))),
     ];
     let unpaired: usize =
         analysis.against_afresh.iter().flat_map(|a| &a.levels).flatten().map(|l| l.unpaired.len()).sum();
