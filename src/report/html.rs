@@ -24,7 +24,8 @@ const DEFINITIONS: [(&str, &str, &str); 13] = [
     ),
     (
         "interval",
-        "95%, percentile bootstrap over seeds, level by level; of curves at each point by itself; one seed has none",
+        "95%, percentile bootstrap over seeds, level by level; of curves at each point by itself; of shares of pairs exact \
+         (Clopper–Pearson); one seed has none",
         "intervals",
     ),
     ("IQM", "interquartile mean: the mean of the middle half of all runs", "over-seeds-and-levels-agarwal-et-al-2021"),
@@ -54,8 +55,8 @@ const DEFINITIONS: [(&str, &str, &str); 13] = [
     ),
     (
         "area",
-        "area under the normalised learning curve of a stage, per timestep; transfer by areas is (A − A_afresh) / \
-         (1 − A_afresh)",
+        "area under the normalised learning curve of a stage, per timestep; its relative loss is (A_afresh − A) / A_afresh, \
+         transfer by areas (A − A_afresh) / (1 − A_afresh), of means over seeds and levels",
         "the-curriculum-against-afresh",
     ),
     (

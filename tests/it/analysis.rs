@@ -307,20 +307,51 @@ fn a_curriculum_is_measured_against_afresh_seed_by_seed() {
     let area = contrast.area.as_ref().expect("areas");
     assert_near(area.curriculum.value, 0.3125, 1e-9);
     assert_near(area.difference.value, -0.6875, 1e-9);
-    assert_eq!(area.paired_improvement_share.value, 0.0);
+    let share = area.paired_improvement_share.expect("not the first level");
+    // None of four pairs: (1 - p)^4 = 0.025.
+    let interval = share.interval.expect("an interval");
+    assert_eq!((share.value, interval.low), (0.0, 0.0));
+    assert_near(interval.high, 1.0 - 0.025_f64.powf(0.25), 1e-9);
+    assert_near(contrast.relative_loss.expect("an area afresh").value, 0.6875, 1e-9);
+    let against = &analysis.against_afresh[0];
+    assert_eq!(against.area.as_ref().expect("areas").levels, [1]);
+    assert_near(against.relative_loss.expect("an area afresh").value, 0.6875, 1e-9);
     // Nothing can be gained over an area of 1.
-    assert!(contrast.area_transfer.is_none());
+    assert!(against.area_transfer.is_none());
+    let csv = table(&analysis, "against-afresh", Format::Csv);
+    assert!(csv.contains("\nppo,b,4,4/4,4/4,100,") && csv.contains("\nppo,mean of b,4,,,,"), "{csv}");
     let final_return = contrast.final_return.as_ref().expect("final returns");
     assert_near(final_return.difference.value, 0.0, 1e-12);
-    assert_eq!(final_return.paired_improvement_share.value, 0.5);
+    assert_eq!(final_return.paired_improvement_share.map(|share| share.value), Some(0.5));
     let [half, most] = &contrast.thresholds[..] else { panic!("two thresholds") };
     // Rows are 250 timesteps apart: 0.5 is reached at 500, 0.9 at 1,000, by two seeds of four.
     assert_eq!((half.threshold, half.pairs[&0]), (0.5, (Time::At(500.0), Time::At(250.0))));
     assert_eq!((most.threshold, most.pairs[&3]), (0.9, (Time::Never, Time::At(250.0))));
     assert_eq!((half.curriculum.median, half.curriculum.censored), (Time::Never, 2));
     assert_eq!((half.afresh.median, half.afresh.censored), (Time::At(250.0), 0));
-    assert_eq!(half.sooner_share.value, 0.0);
+    assert_eq!(half.sooner_share.map(|share| share.value), Some(0.0));
     assert_eq!(analysis.improvements.len(), 0); // two protocols are never compared as arms
+}
+
+#[test]
+fn nothing_is_compared_on_the_first_level_of_a_curriculum() {
+    let afresh_a = Fake { levels: &["a"], curve: |_, share| share, ..AFRESH_B };
+    // Level b is worth an area of 0.02 afresh, of which no share can be told.
+    let hard = Fake { curve: |_, _| 0.02, ..AFRESH_B };
+    let seeds = |run: Fake| [run, Fake { seed: 1, ..run }];
+    let analysis = analysis(&[seeds(CURRICULUM), seeds(afresh_a), seeds(hard)].concat());
+    let [a, b] = &analysis.against_afresh[0].levels[..] else { panic!("two levels") };
+    let [a, b] = [a, b].map(|contrast| contrast.as_ref().expect("a contrast"));
+    let area = a.area.as_ref().expect("areas");
+    assert!(a.is_first && area.difference.value == 0.0 && area.paired_improvement_share.is_none());
+    assert!(a.thresholds.iter().all(|times| times.sooner_share.is_none()));
+    assert!(!b.is_first && b.relative_loss.is_none() && b.thresholds[0].sooner_share.is_some());
+    assert_eq!((b.afresh_thresholds[0].censored, b.afresh_thresholds[0].seeds), (2, 2));
+    // Over both levels areas are 0.625 in the curriculum, and (0.625 + 0.02) / 2 afresh.
+    let against = &analysis.against_afresh[0];
+    let afresh = (0.625 + 0.02) / 2.0;
+    assert_near(against.relative_loss.expect("an area").value, (afresh - 0.625) / afresh, 1e-9);
+    assert_near(against.area_transfer.expect("something to gain").value, (0.625 - afresh) / (1.0 - afresh), 1e-9);
 }
 
 #[test]
@@ -367,6 +398,102 @@ fn an_interrupted_run_is_listed_and_its_unfinished_stage_is_no_result() {
 }
 
 #[test]
+fn a_cell_of_fewer_seeds_says_so_and_never_shows_the_spread_of_episodes() {
+    let mut runs = vec![CURRICULUM];
+    runs.extend((1..5).map(|seed| Fake { seed, stages_done: 1, ..CURRICULUM }));
+    let analysis = analysis(&runs);
+    assert_eq!(analysis.arms[0].levels[1].as_ref().map(|level| (level.std, level.seeds.len())), Some((None, 1)));
+    let (a, b) = (optimum("a").mean, optimum("b").mean);
+    let markdown = table(&analysis, "right-after-training", Format::Markdown);
+    assert!(markdown.contains(&format!("| ppo | 5 | {a:.2} ± 0.00 | {b:.2} (n = 1) |")), "{markdown}");
+    assert!(markdown.contains("one seed has no spread"), "{markdown}");
+    let markdown = table(&analysis, "matrix-ppo", Format::Markdown);
+    let worst = -f64::from(MAX_STEPS);
+    assert!(markdown.contains(&format!("| level b | {worst:.2} (n = 1) | {b:.2} (n = 1) |")), "{markdown}");
+    assert!(markdown.contains("over 5 seeds, each the mean over every start cell"), "{markdown}");
+    let markdown = table(&analysis, "aggregates", Format::Markdown);
+    assert!(markdown.contains("| ppo | 1–5 | a, b | 1.000 |"), "{markdown}");
+    assert!(markdown.contains("One seed has no interval: ppo."), "{markdown}");
+    let csv = table(&analysis, "right-after-training", Format::Csv);
+    assert!(csv.starts_with("arm,seeds,level a mean,level a std,level b mean,level b std,level b seeds\n"), "{csv}");
+    // Of whole runs alone there is nothing to say.
+    let whole: Vec<Fake> = (0..2).map(|seed| Fake { seed, ..CURRICULUM }).collect();
+    let text: String = tables::all(&self::analysis(&whole)).iter().map(|t| t.table.render(Format::Markdown)).collect();
+    assert!(!text.contains("(n = "), "{text}");
+}
+
+#[test]
+fn a_number_of_fewer_seeds_than_its_row_says_so() {
+    // One seed of two solves no start, and so has no length where solved; one has no learning curve.
+    let lost = Fake { seed: 1, skill: |_, _| Skill::Lost, ..AFRESH_B };
+    let root = TempDir::new().expect("a folder");
+    for run in [AFRESH_B, lost, CURRICULUM, Fake { seed: 1, ..CURRICULUM }] {
+        let path = run.write(root.path());
+        if run.seed == 1 && run.afresh {
+            fs::remove_file(path.join("progress.csv")).expect("the log is there");
+        }
+    }
+    let analysis = read(&root);
+    let markdown = table(&analysis, "optimality-gap", Format::Markdown);
+    assert!(markdown.contains("| 1.00 (n = 1) |"), "{markdown}");
+    let markdown = table(&analysis, "against-afresh", Format::Markdown);
+    assert!(markdown.contains("| ppo | b | 2 | 1/1 | 1/1 | 50.0 | 0.625 (n = 1) | 1.000 (n = 1) | -0.375 (n = 1) |"));
+    let csv = table(&analysis, "time-to-threshold", Format::Csv);
+    assert!(csv.contains("\nppo,b,1,0.5,"), "{csv}");
+}
+
+#[test]
+fn runs_of_several_versions_are_told_of_and_extended_ones_not_pooled() {
+    let other = Fake { seed: 1, commit: "def", instruction_set: "avx512", ..AFRESH_B };
+    let mixed = analysis(&[AFRESH_B, other]);
+    assert_eq!(
+        (mixed.arms.len(), &mixed.runs[1].versions[..]),
+        (1, &["cpp-rl 1.0 (commit def, libtorch 2.0)".to_owned()][..])
+    );
+    let warnings = mixed.warnings.join("\n");
+    assert!(warnings.contains("ppo (afresh): runs of one arm were made by several versions"), "{warnings}");
+    assert!(warnings.contains("ppo (afresh): runs of one arm were made with several instruction sets"), "{warnings}");
+    assert!(analysis(&[AFRESH_B, Fake { seed: 1, ..AFRESH_B }]).warnings.is_empty());
+
+    let extended = analysis(&[AFRESH_B, Fake { seed: 1, horizon: Some(500), ..AFRESH_B }]);
+    let names: Vec<&str> = extended.arms.iter().map(|arm| arm.name.as_str()).collect();
+    assert_eq!(names, ["ppo (afresh) [horizon=500]", "ppo (afresh) [horizon=null]"]);
+}
+
+#[test]
+fn one_run_that_cannot_be_read_does_not_hide_the_others() {
+    let root = TempDir::new().expect("a folder");
+    CURRICULUM.write(root.path());
+    let [broken, damaged] = [2, 3].map(|seed| Fake { seed, ..CURRICULUM }.write(root.path()));
+    let not_begun = Fake { seed: 4, ..CURRICULUM }.path(root.path());
+    fs::create_dir_all(&not_begun).expect("a folder");
+    fs::write(broken.join("manifest.json"), "{}").expect("the folder is writable");
+    fs::write(damaged.join("progress.csv"), "a,b\n1,2\n").expect("the folder is writable");
+    fs::write(not_begun.join(".lock"), "").expect("the folder is writable");
+    let analysis = read(&root);
+    assert_eq!((analysis.arms[0].seeds.as_slice(), analysis.left_out.len()), (&[0][..], 3));
+    let table = table(&analysis, "missing", Format::Csv);
+    for (path, why) in
+        [(&broken, "not a manifest of cpp-rl"), (&damaged, "has no column stage"), (&not_begun, "has not begun")]
+    {
+        let left_out = analysis.left_out.iter().find(|left_out| left_out.path == *path).expect("it is named");
+        assert!(left_out.why.contains(why) && table.contains(&left_out.path.display().to_string()), "{left_out:?}");
+        assert!(analysis.warnings.iter().any(|warning| warning.contains(why)), "{:?}", analysis.warnings);
+    }
+    let error = Analysis::read(&[broken]).expect_err("nothing else is there");
+    assert!(format!("{error:#}").contains("not a manifest of cpp-rl"), "{error:#}");
+}
+
+#[test]
+fn seeds_that_only_the_counterpart_has_are_missing() {
+    let analysis = analysis(&[CURRICULUM, AFRESH_B, Fake { seed: 1, ..AFRESH_B }, Fake { seed: 2, ..CURRICULUM }]);
+    let missing: Vec<(usize, u64, &[String])> =
+        analysis.missing.iter().map(|missing| (missing.arm, missing.seed, &missing.levels[..])).collect();
+    let [a, b] = ["a", "b"].map(str::to_owned);
+    assert_eq!(missing, [(0, 1, &[a, b.clone()][..]), (1, 2, &[b][..])]);
+}
+
+#[test]
 fn runs_that_were_never_made_are_missing() {
     let afresh_a = Fake { levels: &["a"], ..AFRESH_B };
     let analysis =
@@ -375,8 +502,8 @@ fn runs_that_were_never_made_are_missing() {
     assert_eq!((missing.arm, missing.seed, &missing.levels[..]), (1, 1, &["b".to_owned()][..]));
     assert_eq!(contrast_on_b(&analysis).unpaired, [1]);
     // No seed has both levels but seed 0.
-    let over_levels = analysis.against_afresh[0].area_difference.as_ref().expect("measured");
-    assert_eq!(over_levels.seeds.keys().collect::<Vec<_>>(), [&0]);
+    let over_levels = analysis.against_afresh[0].area.as_ref().expect("measured");
+    assert_eq!((over_levels.pairs.keys().collect::<Vec<_>>(), &over_levels.levels[..]), (vec![&0], &[0, 1][..]));
 }
 
 #[test]

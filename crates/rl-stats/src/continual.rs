@@ -83,14 +83,6 @@ pub fn mean_entry(entries: &[Vec<Option<f64>>]) -> Option<f64> {
     mean_or_none(entries.iter().flatten().flatten().copied())
 }
 
-/// Forward transfer of one task by areas: (A − A_afresh) / (1 − A_afresh) (Wołczyk et al. 2021), of areas under learning
-/// curves that lie in \[0, 1\]. The area gained over learning afresh, as a share of all that could be gained.
-///
-/// `None` where learning afresh leaves nothing to gain (A_afresh ≥ 1).
-pub fn area_transfer(area: f64, afresh: f64) -> Option<f64> {
-    (afresh < 1.0).then(|| (area - afresh) / (1.0 - afresh))
-}
-
 fn mean_or_none(values: impl Iterator<Item = f64>) -> Option<f64> {
     let values: Vec<f64> = values.collect();
     (!values.is_empty()).then(|| mean_of(values.into_iter()))
@@ -145,11 +137,5 @@ mod tests {
         let r = ReturnMatrix::new(vec![f64::NAN, 0.0], vec![vec![1.0, 0.0], vec![f64::NAN, 1.0]]);
         assert!(r.backward_transfer().is_some_and(f64::is_nan));
         assert!(near(r.forward_transfer(), 0.0));
-    }
-
-    #[test]
-    fn area_transfer_is_a_share_of_what_could_be_gained() {
-        assert!(near(area_transfer(0.7, 0.4), 0.5) && near(area_transfer(0.1, 0.4), -0.5));
-        assert_eq!(area_transfer(0.9, 1.0), None);
     }
 }

@@ -47,7 +47,8 @@ impl fmt::Display for Time {
 
 /// One curve, read row by row; no row is kept.
 ///
-/// Rows without a value (NaN) are counted and skipped: the curve is taken as straight across them.
+/// Rows without a value (NaN) are skipped: between two values the curve is taken as straight, and it begins with the first
+/// value and ends with the last, so that time before and after them does not count.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
     thresholds: Vec<f64>,
@@ -55,20 +56,18 @@ pub struct Curve {
     first: Option<f64>,
     last: Option<(f64, f64)>,
     area: f64,
-    skipped: u64,
 }
 
 impl Curve {
     /// A curve without rows yet, that watches for these thresholds.
     pub fn new(thresholds: &[f64]) -> Self {
         let reached = vec![Time::Never; thresholds.len()];
-        Self { thresholds: thresholds.to_vec(), reached, first: None, last: None, area: 0.0, skipped: 0 }
+        Self { thresholds: thresholds.to_vec(), reached, first: None, last: None, area: 0.0 }
     }
 
     /// Takes in the value at a timestep; timesteps ascend.
     pub fn push(&mut self, timestep: f64, value: f64) {
         if value.is_nan() {
-            self.skipped += 1;
             return;
         }
         match self.last {
@@ -83,8 +82,8 @@ impl Curve {
         }
     }
 
-    /// The area under the curve by the trapezoidal rule, divided by the timesteps between its first and its last row: a
-    /// mean over training. One row is its own mean; `None` of no rows.
+    /// The area under the curve by the trapezoidal rule, divided by the timesteps between its first and its last value: a
+    /// mean over training. One value is its own mean; `None` of none.
     pub fn area(&self) -> Option<f64> {
         let (first, (last, value)) = (self.first?, self.last?);
         Some(if last > first { self.area / (last - first) } else { value })
@@ -93,16 +92,6 @@ impl Curve {
     /// When each threshold was first reached, in the order given.
     pub fn times(&self) -> &[Time] {
         &self.reached
-    }
-
-    /// The last value.
-    pub fn last(&self) -> Option<f64> {
-        self.last.map(|(_, value)| value)
-    }
-
-    /// Rows without a value.
-    pub fn skipped(&self) -> u64 {
-        self.skipped
     }
 }
 
@@ -113,15 +102,14 @@ mod tests {
     #[test]
     fn a_curve_is_as_computed_by_hand() {
         let mut curve = Curve::new(&[0.5, 0.9, 2.0]);
-        assert_eq!((curve.area(), curve.last()), (None, None));
-        for (timestep, value) in [(0.0, f64::NAN), (10.0, 0.0), (20.0, 0.6), (30.0, f64::NAN), (50.0, 1.0), (60.0, 0.8)]
-        {
-            curve.push(timestep, value);
-        }
+        assert_eq!(curve.area(), None);
+        let gaps = [0.0_f64, 30.0, 70.0].map(|timestep| (timestep, f64::NAN));
+        let mut rows = [&gaps[..], &[(10.0, 0.0), (20.0, 0.6), (50.0, 1.0), (60.0, 0.8)]].concat();
+        rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+        rows.into_iter().for_each(|(timestep, value)| curve.push(timestep, value));
         // 10 · 0.3 + 30 · 0.8 + 10 · 0.9 over the 50 timesteps from the first value to the last.
         assert!((curve.area().unwrap() - 36.0 / 50.0).abs() < 1e-15);
         assert_eq!(curve.times(), [Time::At(20.0), Time::At(50.0), Time::Never]);
-        assert_eq!((curve.last(), curve.skipped()), (Some(0.8), 2));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Two algorithms: unpaired as rliable compares them, and paired by seed.
 
 use crate::aggregate::mean_of;
-use crate::{Bootstrap, Estimate};
+use crate::{Bootstrap, Estimate, Interval};
 
 /// The probability that a run of `x` scores above a run of `y` on the same task, a tie counting half; averaged over
 /// tasks. Runs are not paired.
@@ -27,16 +27,60 @@ pub fn estimate_probability_of_improvement(bootstrap: &Bootstrap, x: &[Vec<f64>]
     })
 }
 
-/// The share of pairs `(x, y)`, one per seed, in which `x` is above `y`, a tie counting half.
+/// The share of pairs `(x, y)`, one per seed, in which `x` is above `y`, a tie counting half, with its exact interval.
 ///
-/// Unlike [`probability_of_improvement`] it compares each seed with itself alone.
-pub fn paired_improvement_share(pairs: &[(f64, f64)]) -> f64 {
-    mean_of(pairs.iter().map(|&(x, y)| above(x, y)))
+/// Unlike [`probability_of_improvement`] it compares each seed with itself alone. The interval is Clopper and Pearson's
+/// (1934): resampling pairs of which all or none are above would give an interval without width. A share that ties put
+/// between two counts has the lower bound of the one and the upper bound of the other.
+pub fn estimate_paired_improvement_share(confidence: f64, pairs: &[(f64, f64)]) -> Estimate {
+    let above: Vec<f64> = pairs.iter().map(|&(x, y)| above(x, y)).collect();
+    let value = mean_of(above.iter().copied());
+    let (count, n) = (above.iter().sum::<f64>(), above.len());
+    let interval = (n > 1 && value.is_finite()).then(|| {
+        let tail = (1.0 - confidence) / 2.0;
+        let upper = |count: f64| largest_share(count as usize, n, tail);
+        // What is counted above is the rest that is not counted below.
+        Interval { low: 1.0 - upper(n as f64 - count.floor()), high: upper(count.ceil()) }
+    });
+    Estimate { value, interval, runs: n }
 }
 
-/// [`paired_improvement_share`] with its interval over pairs.
-pub fn estimate_paired_improvement_share(bootstrap: &Bootstrap, pairs: &[(f64, f64)]) -> Estimate {
-    estimate_mean(bootstrap, pairs.iter().map(|&(x, y)| above(x, y)).collect())
+/// The largest probability with which at most `count` of `n` trials succeed with a chance of at least `tail`.
+fn largest_share(count: usize, n: usize, tail: f64) -> f64 {
+    if count == n {
+        return 1.0;
+    }
+    let (mut low, mut high) = (0.0, 1.0);
+    // Bisection to the last bit.
+    for _ in 0..f64::MANTISSA_DIGITS {
+        let middle = (low + high) / 2.0;
+        if at_most(count, n, middle) >= tail { low = middle } else { high = middle }
+    }
+    low
+}
+
+/// The chance of at most `count` successes in `n` trials of probability `p` in (0, 1).
+fn at_most(count: usize, n: usize, p: f64) -> f64 {
+    // Logarithms, or many trials would underflow.
+    let mut term = n as f64 * (1.0 - p).ln();
+    let mut sum = term.exp();
+    for k in 0..count {
+        term += ((n - k) as f64 / (k + 1) as f64).ln() + p.ln() - (1.0 - p).ln();
+        sum += term.exp();
+    }
+    sum
+}
+
+/// The mean numerator over the mean denominator of pairs `(numerator, denominator)`, one per seed, with its interval over
+/// pairs: in every resample, too, both are averaged before they are divided, so that one small denominator does not rule
+/// the result.
+pub fn estimate_ratio_of_means(bootstrap: &Bootstrap, pairs: &[(f64, f64)]) -> Estimate {
+    // The pairs' numbers are resampled, that a numerator stays with its denominator.
+    let places = [(0..pairs.len()).map(|place| place as f64).collect::<Vec<f64>>()];
+    bootstrap.estimate(&places, |places| {
+        let sum = |of: fn(&(f64, f64)) -> f64| places[0].iter().map(|&place| of(&pairs[place as usize])).sum::<f64>();
+        sum(|pair| pair.0) / sum(|pair| pair.1)
+    })
 }
 
 /// The mean of the paired differences `x − y`, with its interval over pairs.
@@ -76,11 +120,55 @@ mod tests {
     #[test]
     fn pairs_are_compared_seed_by_seed() {
         let pairs = [(1.0, 0.0), (11.0, 10.0), (5.0, 5.0), (f64::INFINITY, f64::INFINITY)];
-        assert_eq!(paired_improvement_share(&pairs), 0.75);
+        assert_eq!(estimate_paired_improvement_share(0.95, &pairs).value, 0.75);
         let (x, y): (Vec<f64>, Vec<f64>) = pairs[..2].iter().copied().unzip();
         assert_eq!(probability_of_improvement(&[x], &[y]), 0.75);
         let difference = estimate_paired_difference(&Bootstrap::default(), &pairs[..2]);
         // The seeds differ widely, their differences not at all.
         assert_eq!((difference.value, difference.interval), (1.0, Some(Interval { low: 1.0, high: 1.0 })));
+    }
+
+    /// Of n pairs, so many above and the rest below.
+    fn share(above: usize, n: usize) -> (f64, f64) {
+        let pairs: Vec<(f64, f64)> = (0..n).map(|i| if i < above { (1.0, 0.0) } else { (0.0, 1.0) }).collect();
+        let interval = estimate_paired_improvement_share(0.95, &pairs).interval.unwrap();
+        (interval.low, interval.high)
+    }
+
+    fn near((low, high): (f64, f64), expected: (f64, f64)) -> bool {
+        (low - expected.0).abs() < 5e-5 && (high - expected.1).abs() < 5e-5
+    }
+
+    /// Expected: scipy.stats.binomtest(k, n).proportion_ci(0.95, "exact").
+    #[test]
+    fn the_interval_of_a_share_is_exact() {
+        // None of five: (1 - p)^5 = 0.025.
+        assert!(near(share(0, 5), (0.0, 1.0 - 0.025_f64.powf(0.2))), "{:?}", share(0, 5));
+        assert!(near(share(5, 5), (0.025_f64.powf(0.2), 1.0)), "{:?}", share(5, 5));
+        assert!(near(share(7, 10), (0.3475, 0.9333)), "{:?}", share(7, 10));
+        let (low, high) = share(1000, 2000);
+        assert!((low - 0.478).abs() < 1e-3 && (high - 0.522).abs() < 1e-3, "{low} {high}");
+    }
+
+    #[test]
+    fn ties_widen_the_interval_of_a_share() {
+        let tied = estimate_paired_improvement_share(0.95, &[(1.0, 1.0); 5]);
+        let Interval { low, high } = tied.interval.unwrap();
+        assert_eq!((tied.value, low, high), (0.5, share(2, 5).0, share(3, 5).1));
+        assert_eq!(estimate_paired_improvement_share(0.95, &[(1.0, 0.0)]).interval, None);
+        assert_eq!(estimate_paired_improvement_share(0.95, &[(f64::NAN, 0.0), (1.0, 0.0)]).interval, None);
+    }
+
+    #[test]
+    fn a_ratio_is_of_means_and_not_a_mean_of_ratios() {
+        // The mean of the ratios is (100 + 1/3) / 2; a seed with next to no denominator must not rule it.
+        let ratio = estimate_ratio_of_means(&Bootstrap::default(), &[(1.0, 0.01), (1.0, 3.0)]);
+        assert_eq!(ratio.value, 2.0 / (0.01 + 3.0));
+        let interval = ratio.interval.unwrap();
+        // Half of the resamples hold one of each, a quarter twice the first, a quarter twice the second.
+        assert_eq!((interval.low, interval.high), (1.0 / 3.0, 100.0));
+        let constant = estimate_ratio_of_means(&Bootstrap::default(), &[(1.0, 2.0), (2.0, 4.0), (4.0, 8.0)]);
+        assert_eq!(constant.interval, Some(Interval { low: 0.5, high: 0.5 }));
+        assert_eq!(estimate_ratio_of_means(&Bootstrap::default(), &[(1.0, 2.0)]).interval, None);
     }
 }

@@ -24,7 +24,7 @@ use rl_stats::Bootstrap;
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-pub use against_afresh::{AgainstAfresh, LevelContrast, Paired, PairedTimes, TimeSummary};
+pub use against_afresh::{AgainstAfresh, LevelContrast, OverLevels, Paired, PairedTimes, TimeSummary};
 pub use continual::{Continual, OverSeeds};
 pub use curves::{Band, Curve, PlasticitySeries, SeriesPoint};
 pub use improvement::Improvement;

@@ -73,6 +73,13 @@ pub(super) fn points<'a, B: Iterator<Item = &'a Band>>(arms: impl Iterator<Item 
     ends.map_or(String::new(), |(least, most)| format!("Points are of {least} to {most} seeds."))
 }
 
+/// What the bars at shares of pairs are.
+pub(super) fn share_intervals(analysis: &Analysis, arms: &[usize]) -> String {
+    let confidence = analysis.conventions.bootstrap.confidence;
+    let sentence = format!("Bars: {:.0}% intervals over pairs, exact (Clopper–Pearson).", 100.0 * confidence);
+    without_interval(analysis, arms, &sentence, "interval")
+}
+
 /// What has no result among these arms; empty where nothing is missing.
 pub(super) fn missing(analysis: &Analysis, arms: &[usize]) -> String {
     let gaps: Vec<&Missing> = analysis.missing.iter().filter(|missing| arms.contains(&missing.arm)).collect();

@@ -1,9 +1,13 @@
 //! Measures of continual learning, and the curriculum against afresh: the measured loss of plasticity.
 
-use charts::{About, Axis, IntervalChart, IntervalPanel, IntervalSeries, Layout, Reference, Width};
-use rl_stats::Time;
+use std::collections::BTreeMap;
 
-use super::super::analysis::{AgainstAfresh, Analysis, Continual, LevelContrast, OverSeeds, Paired, PairedTimes};
+use charts::{About, Axis, IntervalChart, IntervalPanel, IntervalSeries, Layout, Reference, Width};
+use rl_stats::{Estimate, Time};
+
+use super::super::analysis::{
+    AgainstAfresh, Analysis, Continual, LevelContrast, OverLevels, OverSeeds, Paired, PairedTimes,
+};
 use super::super::topic::Topic;
 use super::{NamedFigure, caption, level_label, point, style};
 
@@ -131,7 +135,7 @@ fn by_level(
     analysis: &Analysis,
     title: &str,
     of: impl Fn(&LevelContrast) -> Option<charts::Estimate>,
-    over_levels: impl Fn(&AgainstAfresh) -> Option<&OverSeeds>,
+    over_levels: impl Fn(&AgainstAfresh) -> Option<charts::Estimate>,
     reference: Reference,
 ) -> IntervalPanel {
     let all = contrasts(analysis).0;
@@ -140,7 +144,7 @@ fn by_level(
     let mean = has_mean.then(|| "mean over levels".to_owned());
     let series = |against: &&AgainstAfresh| {
         let levels = against.levels.iter().map(|level| level.as_ref().and_then(&of));
-        let mean = has_mean.then(|| over_levels(against).map(over_seeds));
+        let mean = has_mean.then(|| over_levels(against));
         IntervalSeries {
             name: analysis.arms[against.curriculum].name.clone(),
             style: style(analysis, against.curriculum),
@@ -155,34 +159,37 @@ fn by_level(
     }
 }
 
-/// The differences of areas and of final returns, and transfer by areas.
+/// The differences of areas and of final returns, and what share of the area is lost.
 fn differences(analysis: &Analysis) -> Option<NamedFigure> {
-    fn paired(paired: &Paired) -> charts::Estimate {
-        let differences: Vec<f64> = paired.pairs.values().map(|(curriculum, afresh)| curriculum - afresh).collect();
-        point(&paired.difference, &differences)
+    fn pairs(difference: &Estimate, pairs: &BTreeMap<u64, (f64, f64)>) -> charts::Estimate {
+        let differences: Vec<f64> = pairs.values().map(|(curriculum, afresh)| curriculum - afresh).collect();
+        point(difference, &differences)
     }
+    let paired = |paired: &Option<Paired>| paired.as_ref().map(|paired| pairs(&paired.difference, &paired.pairs));
+    let over = |over: &Option<OverLevels>| over.as_ref().map(|over| pairs(&over.difference, &over.pairs));
+    let share = |share: &Option<Estimate>| share.as_ref().map(|share| point(share, []));
     let (all, arms) = contrasts(analysis);
     let zero = || Reference::across("no difference", 0.0);
     let panels = vec![
         by_level(
             analysis,
-            "area under the learning curve: curriculum − afresh",
-            |level| level.area.as_ref().map(paired),
-            |against| against.area_difference.as_ref(),
+            "area under the learning curve: curriculum − afresh, normalised return",
+            |level| paired(&level.area),
+            |against| over(&against.area),
             zero(),
         ),
         by_level(
             analysis,
-            "final return, greedy: curriculum − afresh",
-            |level| level.final_return.as_ref().map(paired),
-            |against| against.final_difference.as_ref(),
+            "relative loss of area: (afresh − curriculum) / afresh",
+            |level| share(&level.relative_loss),
+            |against| share(&against.relative_loss),
             zero(),
         ),
         by_level(
             analysis,
-            "transfer by areas: the difference as a share of what is left above the area afresh",
-            |level| level.area_transfer.as_ref().map(|transfer| point(transfer, [])),
-            |against| against.area_transfer.as_ref(),
+            "final return, greedy: curriculum − afresh, normalised return",
+            |level| paired(&level.final_return),
+            |against| over(&against.final_return),
             zero(),
         ),
     ];
@@ -191,9 +198,11 @@ fn differences(analysis: &Analysis) -> Option<NamedFigure> {
         name: "plasticity-loss".to_owned(),
         topic: Topic::AgainstAfresh,
         caption: caption::join([
-            "Curriculum against afresh, paired by seed, of normalised returns: below 0 the level is learned worse with a \
-             past than without one, the nearest thing to a measured loss of plasticity. A level that is not learned afresh \
-             either shows no loss; on the first, nobody has a past."
+            "Curriculum against afresh, paired by seed, of normalised returns: differences below 0 and relative losses above \
+             0 say that the level is learned worse with a past than without one, the nearest thing to a measured loss of \
+             plasticity. A difference of areas cannot exceed the area afresh, of which the relative loss is the share: both \
+             are averaged over seeds before they are divided. A level that is not learned afresh either shows no loss, and \
+             has no relative one; on the first, nobody has a past."
                 .to_owned(),
             "Marks: means over pairs; dots: single pairs.".to_owned(),
             caption::intervals(analysis, &arms),
@@ -203,7 +212,8 @@ fn differences(analysis: &Analysis) -> Option<NamedFigure> {
         drawing: IntervalChart {
             about: About::new("Curriculum against afresh", "Areas and final returns compared, level by level."),
             layout: Layout { width: Width::Page, columns: 1, panel_height: 95.0 },
-            values: Axis::new("normalised return"),
+            // The panels' titles say what they measure.
+            values: Axis::default(),
             free_values: true,
             panels,
             ..IntervalChart::default()
@@ -223,7 +233,7 @@ fn sooner(analysis: &Analysis) -> Option<NamedFigure> {
             let times = times_of(level, place)?;
             // Where nobody ever gets there, nobody is as soon as the other.
             let reached = times.pairs.values().any(|pair| *pair != (Time::Never, Time::Never));
-            reached.then(|| point(&times.sooner_share, []))
+            times.sooner_share.filter(|_| reached).map(|share| point(&share, []))
         };
         by_level(analysis, &title, share, |_| None, Reference::across("as soon", 0.5))
     };
@@ -248,10 +258,11 @@ fn sooner(analysis: &Analysis) -> Option<NamedFigure> {
         topic: Topic::AgainstAfresh,
         caption: caption::join([
             "Share of seeds whose learning curve reaches a threshold sooner in the curriculum than afresh; a tie counts \
-             half, as when both never get there. A dash: no seed does, with a past or without."
+             half, as when both never get there. A dash: no seed does, with a past or without; on the curriculum's first level \
+             the two are the same training."
                 .to_owned(),
             never.join(" "),
-            caption::intervals(analysis, &arms),
+            caption::share_intervals(analysis, &arms),
             caption::missing(analysis, &arms),
         ]),
         drawing: IntervalChart {

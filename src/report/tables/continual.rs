@@ -37,7 +37,8 @@ pub(super) fn measures(analysis: &Analysis) -> Table {
         ];
         let fixed: [Cell; 2] = [analysis.arms[arm].name.as_str().into(), count(seeds(m))];
         let against = analysis.against_afresh.iter().find(|against| against.curriculum == arm);
-        let area_transfer = against.map_or(Cell::Missing, |against| cell(&against.area_transfer));
+        let transfer = against.and_then(|against| against.area_transfer.as_ref());
+        let area_transfer = Cell::estimate(transfer, 3).of_seeds(transfer.map_or(0, |t| t.runs), seeds(m));
         fixed.into_iter().chain(measures.into_iter().map(cell)).chain([area_transfer]).collect()
     };
     let names = [
