@@ -7,7 +7,7 @@ use tch::{Kind, Tensor};
 pub const DORMANT: [(&str, f64); 2] = [("dormant_0.1", 0.1), ("dormant_0.025", 0.025)];
 /// |h| beyond which a tanh unit is saturated; its slope there is below 0.02.
 pub const SATURATED: f64 = 0.99;
-/// The share of the sum of singular values that `rank_99` exceeds (Dohare et al. 2024).
+/// The share of the sum of singular values that `rank_99` exceeds (Kumar et al. 2021, as srank; Dohare et al. 2024).
 const RANK_SHARE: f64 = 0.99;
 
 /// Every measure of a hidden layer with these activations, `[N, K]` of N samples and K units.

@@ -549,6 +549,43 @@ fn plasticity_is_read_where_it_was_logged() {
     assert_eq!((second.seeds.len(), second.seeds[&0][0]), (1, Some(0.75)));
     assert_eq!(second.mean[0].map(|band| (band.value, band.low)), Some((0.75, None)));
     assert_eq!(analysis.arms[0].plasticity.len(), 4);
+    // A value that is none is counted, by measure.
+    assert_eq!(analysis.runs[0].plasticity_rows, 2);
+    assert_eq!(analysis.runs[0].plasticity_without_value, [("plasticity/weight_norm".to_owned(), 1)].into());
+    let warning = "without a value in some of the 2 rows of plasticity.csv: plasticity/weight_norm 1";
+    assert!(analysis.warnings.iter().any(|other| other.contains(warning)), "{:?}", analysis.warnings);
+    let csv = table(&analysis, "plasticity-ppo", Format::Csv);
+    assert_eq!(
+        csv,
+        "measure,level a,level a low,level a high,level b,level b low,level b high\n\
+         policy.0/dormant_0.1,0.25,,,0.75,,\nweight_norm,,,,3,,\n"
+    );
+}
+
+#[test]
+fn plasticity_at_the_end_of_a_stage_is_compared_with_afresh() {
+    let root = TempDir::new().expect("a folder");
+    for seed in 0..3 {
+        for run in [Fake { seed, ..CURRICULUM }, Fake { seed, ..AFRESH_B }] {
+            let path = run.write(root.path());
+            let rows = |stage: usize| {
+                // The last row counts, whatever stood before it.
+                let end = if run.afresh { 1.0 } else { 3.0 + stage as f64 } + seed as f64;
+                format!("{stage},{},500,500,99\n{stage},{},1000,1000,{end}\n", run.levels[stage], run.levels[stage])
+            };
+            let rows: String = (0..run.levels.len()).map(rows).collect();
+            let head = "stage,level,timesteps,cumulative_timesteps,plasticity/grad_norm\n";
+            fs::write(path.join("plasticity.csv"), format!("{head}{rows}")).expect("the folder is writable");
+        }
+    }
+    // A stage that is not done has no end.
+    Fake { seed: 2, stages_done: 1, ..CURRICULUM }.write(root.path());
+    let analysis = read(&root);
+    let markdown = table(&analysis, "plasticity-ppo", Format::Markdown);
+    assert!(markdown.contains("| grad_norm | 4.000 [3.000, 5.000] | 4.500 [4.000, 5.000] (n = 2) |"), "{markdown}");
+    let markdown = table(&analysis, "plasticity-differences-ppo", Format::Markdown);
+    assert!(markdown.contains("| grad_norm | – | 3.000 [3.000, 3.000] |"), "{markdown}");
+    assert_eq!(analysis.against_afresh[0].plasticity[0].value.seeds, [(0, 3.0), (1, 3.0)].into());
 }
 
 #[test]

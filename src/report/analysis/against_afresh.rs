@@ -10,7 +10,7 @@ use rl_stats::{Bootstrap, Estimate, Time};
 use serde::Serialize;
 
 use super::arms::same_but_stages;
-use super::{Arm, LevelOutcome, Protocol, SeedOutcome, THRESHOLDS, ThresholdTimes};
+use super::{Arm, LevelOutcome, PlasticityEnd, Protocol, SeedOutcome, THRESHOLDS, ThresholdTimes, ends};
 use crate::results::mean_std;
 
 /// The least mean area that shares are told of: of next to nothing there is none.
@@ -35,6 +35,8 @@ pub struct AgainstAfresh {
     /// (A − A_afresh) / (1 − A_afresh), likewise: forward transfer by areas after Wołczyk et al. (2021), who average
     /// ratios; none where learning afresh leaves next to nothing to gain.
     pub area_transfer: Option<Estimate>,
+    /// Plasticity measures at the end of each level: curriculum − afresh.
+    pub plasticity: Vec<PlasticityEnd>,
 }
 
 /// One measure over all levels on which both have it.
@@ -144,6 +146,7 @@ impl AgainstAfresh {
             area_transfer: share(areas().map(|&(area, afresh)| (area - afresh, 1.0 - afresh)), bootstrap),
             area,
             final_return: OverLevels::new(&levels, |level| level.final_return.as_ref(), bootstrap),
+            plasticity: ends::differences(arm, other, bootstrap),
             levels,
         }
     }

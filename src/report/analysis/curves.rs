@@ -105,7 +105,7 @@ impl Series {
 }
 
 /// The runs of a group that have this stage on this level, by seed.
-fn runs_of<'a>(group: &Group<'a>, stage: &ArmStage, level: &str) -> BTreeMap<u64, &'a Run> {
+pub(super) fn runs_of<'a>(group: &Group<'a>, stage: &ArmStage, level: &str) -> BTreeMap<u64, &'a Run> {
     let has = |run: &&&Run| run.manifest.stages.get(usize::from(stage.stage)).is_some_and(|s| s.level == level);
     group.runs.iter().filter(has).map(|run| (run.manifest.seed, *run)).collect()
 }
@@ -138,7 +138,7 @@ pub(super) fn plasticity<'a>(
     let mut all = Vec::new();
     for measure in measures {
         for stage in stages {
-            let of_run = |run: &'a Run| run.logs.plasticity.get(measure)?.get(usize::from(stage.stage));
+            let of_run = |run: &'a Run| run.logs.plasticity.get(measure)?.bins.get(usize::from(stage.stage));
             let runs = runs_of(group, stage, names[stage.level]);
             let bins = runs.into_iter().filter_map(|(seed, run)| Some((seed, of_run(run)?)));
             let series = Series::new(&bins.collect());

@@ -25,8 +25,10 @@ const PLASTICITY_COLUMNS: [&str; 4] = ["stage", "level", "timesteps", "cumulativ
 pub(super) struct Logs {
     /// The learning curve of every stage.
     pub(super) stages: Vec<StageLog>,
-    /// By measure, then stage; empty where none were logged.
-    pub(super) plasticity: BTreeMap<String, Vec<Bins>>,
+    /// By measure; empty where none were logged.
+    pub(super) plasticity: BTreeMap<String, MeasureLog>,
+    /// Rows of `plasticity.csv`.
+    pub(super) plasticity_rows: u64,
     /// Rows of `progress.csv`.
     pub(super) rows: u64,
     /// Those without a mean return.
@@ -41,6 +43,17 @@ pub(super) struct StageLog {
     pub(super) bins: Bins,
     /// Of normalised returns; none where the optimum is unknown.
     pub(super) summary: Option<CurveSummary>,
+}
+
+/// A plasticity measure during all stages.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct MeasureLog {
+    /// By stage.
+    pub(super) bins: Vec<Bins>,
+    /// The value in the last row of each stage; none where that has none (NaN), or there is no row.
+    pub(super) ends: Vec<Option<f64>>,
+    /// Rows without a value.
+    pub(super) rows_without_value: u64,
 }
 
 /// A series cut into stretches of equal numbers of timesteps.
@@ -102,6 +115,7 @@ impl Logs {
         let mut logs = Self {
             stages: stages.iter().zip(&levels).map(log).collect(),
             plasticity: BTreeMap::new(),
+            plasticity_rows: 0,
             rows: 0,
             rows_without_return: 0,
             damaged_rows: 0,
@@ -141,9 +155,13 @@ impl Logs {
         let mut columns = own.into_iter().map(|name| log.column(name)).collect::<Result<Vec<usize>, _>>()?;
         let is_measure = |(_, name): &(usize, &str)| !PLASTICITY_COLUMNS.contains(name);
         let measures: Vec<(usize, &str)> = log.head.iter().enumerate().filter(is_measure).collect();
-        let bins: Vec<Bins> = stages.iter().map(|stage| Bins::new(PLASTICITY_BINS, stage.timesteps)).collect();
-        let mut series: Vec<(String, Vec<Bins>)> =
-            measures.iter().map(|(_, name)| ((*name).to_owned(), bins.clone())).collect();
+        let empty = MeasureLog {
+            bins: stages.iter().map(|stage| Bins::new(PLASTICITY_BINS, stage.timesteps)).collect(),
+            ends: vec![None; stages.len()],
+            rows_without_value: 0,
+        };
+        let mut series: Vec<(String, MeasureLog)> =
+            measures.iter().map(|(_, name)| ((*name).to_owned(), empty.clone())).collect();
         columns.extend(measures.iter().map(|(place, _)| place));
         while let Some(row) = log.next(&columns)? {
             let entry = row.as_deref().and_then(|row| {
@@ -154,8 +172,11 @@ impl Logs {
                 self.damaged_rows += 1;
                 continue;
             };
-            for ((_, bins), value) in series.iter_mut().zip(values) {
-                bins[stage].push(timesteps, cumulative, *value);
+            self.plasticity_rows += 1;
+            for ((_, log), &value) in series.iter_mut().zip(values) {
+                log.bins[stage].push(timesteps, cumulative, value);
+                log.ends[stage] = (!value.is_nan()).then_some(value);
+                log.rows_without_value += u64::from(value.is_nan());
             }
         }
         self.plasticity = series.into_iter().collect();

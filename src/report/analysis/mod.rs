@@ -10,6 +10,7 @@ mod arms;
 mod bands;
 mod continual;
 mod curves;
+mod ends;
 mod improvement;
 mod levels;
 mod logs;
@@ -27,6 +28,7 @@ use serde_json::{Map, Value};
 pub use against_afresh::{AgainstAfresh, LevelContrast, OverLevels, Paired, PairedTimes, TimeSummary};
 pub use continual::{Continual, OverSeeds};
 pub use curves::{Band, Curve, PlasticitySeries, SeriesPoint};
+pub use ends::PlasticityEnd;
 pub use improvement::Improvement;
 pub use levels::{LevelInfo, PlannedStart, Planner};
 pub use matrix::{Matrix, MatrixCell, MatrixRow};
@@ -122,6 +124,8 @@ pub struct Arm {
     pub curves: Vec<Curve>,
     /// Plasticity measures during training, one per measure and entry of `stages`; empty where none were logged.
     pub plasticity: Vec<PlasticitySeries>,
+    /// The same at the end of each stage.
+    pub plasticity_ends: Vec<PlasticityEnd>,
 }
 
 /// One stage of an arm.
@@ -223,6 +227,7 @@ impl Arm {
             continual: matrix.as_ref().and_then(|matrix| Continual::new(matrix, &stages, bootstrap)),
             curves: curves::learning(group, &stages, &names, bands),
             plasticity: curves::plasticity(group, &stages, &names, bands),
+            plasticity_ends: ends::of_group(group, &stages, &names, bootstrap),
             levels: outcomes,
             matrix,
             stages,

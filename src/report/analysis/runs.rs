@@ -41,6 +41,10 @@ pub struct RunInfo {
     pub log_rows: u64,
     /// Those among them without a mean return (NaN), which curves step over.
     pub rows_without_return: u64,
+    /// Rows of `plasticity.csv`.
+    pub plasticity_rows: u64,
+    /// Measures that have no value (NaN) in some of them, with how many those are.
+    pub plasticity_without_value: BTreeMap<String, u64>,
     /// Rows of logs that are cut off or no numbers, which are left out.
     pub damaged_rows: u64,
     /// The versions of cpp-rl that it was made by, over all its starts.
@@ -186,10 +190,23 @@ impl Run {
         if rows_without_return > 0 {
             warnings.push(format!("{path}: {rows_without_return} of {rows} rows of progress.csv have no mean return"));
         }
+        let without_value: Vec<String> =
+            self.plasticity_without_value().into_iter().map(|(measure, rows)| format!("{measure} {rows}")).collect();
+        if !without_value.is_empty() {
+            let (rows, each) = (self.logs.plasticity_rows, without_value.join(", "));
+            warnings
+                .push(format!("{path}: measures without a value in some of the {rows} rows of plasticity.csv: {each}"));
+        }
         if damaged_rows > 0 {
             warnings.push(format!("{path}: {damaged_rows} rows of its logs are cut off or no numbers, and left out"));
         }
         warnings
+    }
+
+    /// The measures that have no value in some rows of `plasticity.csv`, with how many those are.
+    fn plasticity_without_value(&self) -> BTreeMap<String, u64> {
+        let logs = self.logs.plasticity.iter().filter(|(_, log)| log.rows_without_value > 0);
+        logs.map(|(measure, log)| (measure.clone(), log.rows_without_value)).collect()
     }
 
     /// The versions of cpp-rl that it was made by; older manifests do not list its starts.
@@ -275,6 +292,8 @@ impl RunInfo {
             status: run.manifest.status.clone(),
             log_rows: run.logs.rows,
             rows_without_return: run.logs.rows_without_return,
+            plasticity_rows: run.logs.plasticity_rows,
+            plasticity_without_value: run.plasticity_without_value(),
             damaged_rows: run.logs.damaged_rows,
             versions: run.versions(),
             instruction_sets: run.instruction_sets(),

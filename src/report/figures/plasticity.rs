@@ -6,6 +6,7 @@ use charts::{About, Axis, Curve, CurveChart, CurvePanel, Layout, Style, Width};
 
 use super::super::analysis::{AgainstAfresh, Analysis, Arm, Protocol};
 use super::super::names::file_name;
+use super::super::tables::{plasticity_differences_name, plasticity_name};
 use super::super::topic::Topic;
 use super::curves::by_sequence;
 use super::timeline::{Timeline, levels_of};
@@ -206,7 +207,7 @@ fn together(analysis: &Analysis, name: &str, title: &str, arms: &[(usize, &Arm)]
             not_logged,
         ]),
         drawing: chart(&timeline, About::new(title, "A panel per measure."), panels(analysis, &timeline, &lines, true)),
-        tables: Vec::new(),
+        tables: indices.iter().map(|&arm| plasticity_name(&analysis.arms[arm])).collect(),
     })
 }
 
@@ -232,7 +233,7 @@ fn against_afresh(analysis: &Analysis, against: &AgainstAfresh) -> Option<NamedF
             of_seeds(analysis, &timeline, &both),
         ]),
         drawing: chart(&timeline, About::new(title, "A panel per measure."), panels(analysis, &timeline, &lines, true)),
-        tables: Vec::new(),
+        tables: vec![plasticity_differences_name(arm)],
     })
 }
 

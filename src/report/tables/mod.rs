@@ -2,6 +2,7 @@
 
 mod continual;
 mod overview;
+mod plasticity;
 mod plasticity_loss;
 mod returns;
 
@@ -47,6 +48,12 @@ pub fn all(analysis: &Analysis) -> Vec<NamedTable> {
     tables.push(named("forgetting", Topic::Continual, continual::forgetting(analysis)));
     tables.push(named("against-afresh", Topic::AgainstAfresh, plasticity_loss::curves(analysis)));
     tables.push(named("time-to-threshold", Topic::AgainstAfresh, plasticity_loss::times(analysis)));
+    for (arm, table) in plasticity::at_ends(analysis) {
+        tables.push(named(&plasticity_name(arm), Topic::Plasticity, table));
+    }
+    for (arm, table) in plasticity::differences(analysis) {
+        tables.push(named(&plasticity_differences_name(arm), Topic::Plasticity, table));
+    }
     tables.push(named("settings", Topic::Settings, overview::settings(analysis)));
     tables.push(named("missing", Topic::Missing, overview::missing(analysis)));
     tables.retain(|named| !named.table.rows.is_empty());
@@ -60,6 +67,16 @@ pub fn all(analysis: &Analysis) -> Vec<NamedTable> {
 /// What the table of an arm's matrix is called.
 pub(super) fn matrix_name(arm: &Arm) -> String {
     format!("matrix-{}", file_name(&arm.name))
+}
+
+/// What the table of an arm's plasticity measures at the end of each stage is called.
+pub(super) fn plasticity_name(arm: &Arm) -> String {
+    format!("plasticity-{}", file_name(&arm.name))
+}
+
+/// What the table of their differences curriculum − afresh is called.
+pub(super) fn plasticity_differences_name(arm: &Arm) -> String {
+    format!("plasticity-differences-{}", file_name(&arm.name))
 }
 
 /// The tables that a terminal gets: what each arm earns, what it forgets, whether it learns worse than afresh, and in
