@@ -190,8 +190,14 @@ fn thirty_seeds_of_two_arms_have_every_figure() {
     for text in ["gradient norm before clipping", "a_measure_to_come", "dormant units"] {
         assert!(svg("plasticity").contains(text), "{text}");
     }
-    // Thin lines, one per seed and stage.
-    assert!(svg("learning-curve-ppo").matches("opacity=\"0.35\"").count() >= 60);
+    // One value of four is none in every run, for every measure.
+    let warnings = &report.analysis.warnings;
+    let is_whole = |warning: &&String| MEASURES.iter().all(|name| warning.contains(&format!("plasticity/{name} ")));
+    assert_eq!(warnings.iter().filter(is_whole).count(), 120, "{:?}", &warnings[..2]);
+    // Thin lines, one per seed and stage, of one arm and of both.
+    for (figure, lines) in [("learning-curve-ppo", 60), ("learning-curves", 120), ("learning-curves-afresh", 60)] {
+        assert!(svg(figure).matches("opacity=\"0.35\"").count() >= lines, "{figure}");
+    }
     let html = report.html();
     assert!(html.contains("120 runs in 3 arms on 2 levels: a, b."), "the summary");
     assert!(html.contains("Nothing is missing.") && html.contains("<code>cpp-rl compare runs</code>"));

@@ -39,13 +39,14 @@ fn of_whole_curricula(analysis: &Analysis, arms: &[usize]) -> [String; 3] {
 /// Every measure, each arm's.
 fn measures(analysis: &Analysis) -> Option<NamedFigure> {
     type Of = fn(&Continual) -> &Option<OverSeeds>;
-    const MEASURES: [(&str, Of); 6] = [
-        ("average performance", |m| &m.average_performance),
-        ("backward transfer", |m| &m.backward_transfer),
-        ("forward transfer", |m| &m.forward_transfer),
-        ("forgetting", |m| &m.forgetting),
-        ("isolated forgetting", |m| &m.isolated_forgetting),
-        ("zero-shot transfer", |m| &m.zero_shot_transfer),
+    // All but the first are changes; that one's 0 is the worst result there is.
+    const MEASURES: [(&str, Of, Option<&str>); 6] = [
+        ("average performance", |m| &m.average_performance, None),
+        ("backward transfer", |m| &m.backward_transfer, Some("no effect")),
+        ("forward transfer", |m| &m.forward_transfer, Some("no effect")),
+        ("forgetting", |m| &m.forgetting, Some("no effect")),
+        ("isolated forgetting", |m| &m.isolated_forgetting, Some("no effect")),
+        ("zero-shot transfer", |m| &m.zero_shot_transfer, Some("no effect")),
     ];
     let arms = measured(analysis);
     let indices: Vec<usize> = arms.iter().map(|&(index, _)| index).collect();
@@ -54,16 +55,13 @@ fn measures(analysis: &Analysis) -> Option<NamedFigure> {
         style: style(analysis, index),
         estimates: vec![measure.map(over_seeds)],
     };
-    let panel = |title: &str, series: Vec<IntervalSeries>| IntervalPanel {
-        title: title.to_owned(),
+    let panel = |(title, of, zero): &(&str, Of, Option<&str>)| IntervalPanel {
+        title: (*title).to_owned(),
         categories: vec![String::new()],
-        series,
-        references: vec![Reference::across("no effect", 0.0)],
+        series: arms.iter().map(|&(index, measures)| series(index, of(measures).as_ref())).collect(),
+        references: zero.map(|name| Reference::across(name, 0.0)).into_iter().collect(),
     };
-    let panels = MEASURES.iter().map(|(title, of)| {
-        panel(title, arms.iter().map(|&(index, measures)| series(index, of(measures).as_ref())).collect())
-    });
-    let panels = panels.collect();
+    let panels = MEASURES.iter().map(panel).collect();
     (!arms.is_empty()).then(|| NamedFigure {
         name: "continual-learning".to_owned(),
         topic: Topic::Continual,

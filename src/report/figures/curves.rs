@@ -47,10 +47,10 @@ pub(super) fn by_sequence<'a>(curricula: &[(usize, &'a Arm)]) -> Vec<Vec<(usize,
 }
 
 /// The learning curve of an arm over the levels that it has in common with `timeline`.
-fn along(timeline: &Timeline, arm: &Arm, curve: &mut Curve, seeds: Seeds, y: impl Fn(usize, f64) -> f64) {
+fn along(timeline: &Timeline, arm: &Arm, curve: &mut Curve, y: impl Fn(usize, f64) -> f64) {
     for stage in &arm.curves {
         if let Some(x) = timeline.place(arm, stage.level) {
-            Track::from(stage).append(curve, seeds, x, |value| y(stage.level, value));
+            Track::from(stage).append(curve, Seeds::Shown, x, |value| y(stage.level, value));
         }
     }
 }
@@ -59,7 +59,7 @@ fn along(timeline: &Timeline, arm: &Arm, curve: &mut Curve, seeds: Seeds, y: imp
 fn of_arm(analysis: &Analysis, index: usize, arm: &Arm) -> NamedFigure {
     let timeline = Timeline::new(&[arm], &levels_of(arm));
     let mut curve = Curve::new(arm.name.as_str(), style(analysis, index));
-    along(&timeline, arm, &mut curve, Seeds::Shown, |_, value| value);
+    along(&timeline, arm, &mut curve, |_, value| value);
     let title = format!("{} over its curriculum", arm.name);
     NamedFigure {
         name: format!("learning-curve-{}", file_name(&arm.name)),
@@ -102,7 +102,7 @@ fn of_arms(analysis: &Analysis, arms: &[(usize, &Arm)]) -> Option<NamedFigure> {
     let curve = |&(index, arm): &(usize, &Arm)| {
         let mut curve = Curve::new(arm.name.as_str(), style(analysis, index));
         let y = |level: usize, of: f64| value(&analysis.levels[level], of).unwrap_or(f64::NAN);
-        along(&timeline, arm, &mut curve, Seeds::Hidden, y);
+        along(&timeline, arm, &mut curve, y);
         curve
     };
     let scale = if all_optima {
@@ -121,7 +121,10 @@ fn of_arms(analysis: &Analysis, arms: &[(usize, &Arm)]) -> Option<NamedFigure> {
         topic: Topic::Learning,
         caption: caption::join([
             format!("{MOVING}, all arms (the study's Figure 6 as it was drawn)."),
-            format!("{scale} Lines: means over seeds. {}", caption::seeds(analysis, &indices)),
+            format!(
+                "{scale} Lines: means over seeds; thin lines: single seeds. {}",
+                caption::seeds(analysis, &indices)
+            ),
             caption::bands(analysis, &indices),
             points(analysis, &indices),
             timeline.note().to_owned(),
@@ -147,10 +150,10 @@ fn planners(level: &LevelInfo) -> Vec<Reference> {
 }
 
 /// The learning curve of an arm on one level, in timesteps of that level.
-fn on_level(arm: &Arm, level: usize, name: &str, style: Style, seeds: Seeds) -> Curve {
+fn on_level(arm: &Arm, level: usize, name: &str, style: Style) -> Curve {
     let mut curve = Curve::new(name, style);
     for stage in arm.curves.iter().filter(|curve| curve.level == level) {
-        Track::from(stage).append(&mut curve, seeds, |timesteps| timesteps, |value| value);
+        Track::from(stage).append(&mut curve, Seeds::Shown, |timesteps| timesteps, |value| value);
     }
     curve
 }
@@ -189,10 +192,8 @@ fn afresh(analysis: &Analysis) -> Option<NamedFigure> {
     let indices: Vec<usize> = arms.iter().map(|&(index, _)| index).collect();
     let trained = |level: &usize| arms.iter().any(|(_, arm)| levels_of(arm).contains(level));
     let levels: Vec<usize> = (0..analysis.levels.len()).filter(trained).collect();
-    let seeds = if arms.len() > 1 { Seeds::Hidden } else { Seeds::Shown };
     let curves = |level: usize| {
-        let curve =
-            |&(index, arm): &(usize, &Arm)| on_level(arm, level, &short_name(arm), style(analysis, index), seeds);
+        let curve = |&(index, arm): &(usize, &Arm)| on_level(arm, level, &short_name(arm), style(analysis, index));
         arms.iter().map(curve).collect()
     };
     let about = About::new("Every level afresh", "Return during training of fresh agents, a panel per level.");
@@ -201,7 +202,7 @@ fn afresh(analysis: &Analysis) -> Option<NamedFigure> {
         topic: Topic::Learning,
         caption: caption::join([
             format!("{MOVING}, a fresh agent on each level: what each arm can learn without a past."),
-            format!("Lines: means over seeds. {}", caption::seeds(analysis, &indices)),
+            format!("Lines: means over seeds; thin lines: single seeds. {}", caption::seeds(analysis, &indices)),
             caption::bands(analysis, &indices),
             points(analysis, &indices),
             caption::missing(analysis, &indices),
@@ -221,8 +222,8 @@ fn against_afresh(analysis: &Analysis, against: &AgainstAfresh) -> Option<NamedF
     }
     let curves = |level: usize| {
         vec![
-            on_level(arm, level, &format!("{} in the curriculum", arm.name), style(analysis, curriculum), Seeds::Shown),
-            on_level(other, level, "afresh", AFRESH, Seeds::Shown),
+            on_level(arm, level, &format!("{} in the curriculum", arm.name), style(analysis, curriculum)),
+            on_level(other, level, "afresh", AFRESH),
         ]
     };
     let about = About::new(
