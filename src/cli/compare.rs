@@ -8,7 +8,7 @@ use clap::Args;
 use super::output::write_stdout;
 use crate::messages::tell;
 use crate::report::analysis::Analysis;
-use crate::report::{Format, export, render, tables};
+use crate::report::{Format, export, published_curves, render, tables};
 
 /// Lay runs side by side.
 #[derive(Debug, Args)]
@@ -20,6 +20,10 @@ pub struct CompareArgs {
     /// the tables as Markdown, LaTeX and CSV, and everything as JSON.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Learning curves of the published study, to be drawn beside curricula on its levels: a CSV file with the columns run
+    /// (`ppo-curriculum`), level, repeat, timesteps and ep_rew_mean.
+    #[arg(long, value_name = "FILE")]
+    published_curves: Option<PathBuf>,
     /// How the main tables are printed; json prints everything.
     #[arg(long, value_enum, default_value_t = Format::Table)]
     format: Format,
@@ -31,7 +35,10 @@ impl CompareArgs {
     /// # Errors
     /// Directories without runs, and files that cannot be read or written.
     pub fn run(&self) -> Result<()> {
-        let analysis = Analysis::read(&self.runs)?;
+        let mut analysis = Analysis::read(&self.runs)?;
+        if let Some(path) = &self.published_curves {
+            analysis.published_curves = published_curves::read(path)?;
+        }
         analysis.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
         if let Some(out) = &self.out {
             export::write(&analysis, out, &command_line())?;

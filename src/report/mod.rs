@@ -7,6 +7,7 @@ pub mod find;
 mod html;
 mod names;
 pub mod published;
+pub mod published_curves;
 pub mod runs;
 pub mod study;
 mod table;

@@ -345,3 +345,25 @@ fn compare_writes_the_report_and_its_command() {
     assert!(html.contains("<code>cpp-rl compare runs --out report</code>"));
     assert!(html.contains(concat!("cpp-rl ", env!("CARGO_PKG_VERSION"))));
 }
+
+#[test]
+fn published_curves_lie_beside_the_studys_curriculum_alone() {
+    let sandbox = Sandbox::new();
+    let study = Fake { levels: &["0", "1"], timesteps: 500_000, ..CURRICULUM };
+    study.write(&sandbox.path("runs"));
+    CURRICULUM.write(&sandbox.path("own"));
+    sandbox.write(
+        "curves.csv",
+        "run,level,repeat,timesteps,ep_rew_mean\nppo-curriculum,0,1,4096,-150\nppo-curriculum,0,1,400000,-10\n\
+         ppo-curriculum,1,1,4096,-190\nppo-curriculum,1,1,400000,20\ndqn-curriculum,1,1,4096,-190\n",
+    );
+    let drawn = |runs: &str, option: &str| {
+        sandbox.succeeds(&format!("compare {runs} --out report {option}"));
+        let svg = sandbox.path("report/figures/learning-curve-ppo.svg");
+        fs::read_to_string(svg).expect("the drawing").contains("published (one seed)")
+    };
+    assert!(drawn("runs", "--published-curves curves.csv"));
+    assert!(!drawn("runs", "") && !drawn("own", "--published-curves curves.csv"));
+    sandbox.write("curves.csv", "run,level\nppo-curriculum,0\n");
+    assert!(sandbox.fails(2, "compare runs --published-curves curves.csv").contains("curves.csv"));
+}

@@ -50,6 +50,8 @@ pub struct Curve {
     pub style: Style,
     /// (x, mean or the like), in order of x. A y that is not finite interrupts the line.
     pub centre: Vec<(f64, f64)>,
+    /// Whether the centre is drawn thin, as what is laid beside a curve.
+    pub thin: bool,
     /// (x, lower, upper end of the interval), in order of x; empty for none, as for one seed.
     pub band: Vec<(f64, f64, f64)>,
     /// (x, y) of every seed, drawn thin; empty where they are not to be seen.
@@ -219,7 +221,8 @@ fn draw_curves(drawing: &mut Drawing, curves: &[Curve], place: impl Fn(f64, f64)
 
 fn draw_centres(drawing: &mut Drawing, curves: &[Curve], place: impl Fn(f64, f64) -> Point) {
     for curve in curves {
-        let stroke = Stroke { dash: curve.style.dash(), ..Stroke::new(curve.style.paint(), 1.2) };
+        let width = if curve.thin { 0.6 } else { 1.2 };
+        let stroke = Stroke { dash: curve.style.dash(), ..Stroke::new(curve.style.paint(), width) };
         draw_line(drawing, &curve.centre, stroke, &place);
     }
 }

@@ -129,6 +129,17 @@ fn one_seed_has_no_band() {
 }
 
 #[test]
+fn what_is_laid_beside_a_curve_is_thin() {
+    let curve = Curve { centre: vec![(0.0, 0.0), (1.0, 1.0)], ..Curve::new("", Style(0)) };
+    let thin = Curve { thin: true, ..curve.clone() };
+    let widths = |curve: &Curve| {
+        let svg = curve_chart(vec![curve.clone()]).draw().to_svg();
+        [r#"stroke-width="1.2""#, r#"stroke-width="0.6""#].map(|width| svg.matches(width).count())
+    };
+    assert_eq!([widths(&curve), widths(&thin)], [[1, 0], [0, 1]]);
+}
+
+#[test]
 fn missing_cells_are_hatched_and_marked() {
     let panel = |cell| HeatPanel {
         rows: vec!["0".to_owned()],

@@ -36,6 +36,7 @@ pub use outcome::{Aggregates, LevelOutcome, SeedOutcome, ThresholdTimes};
 pub use runs::{LeftOut, Missing, RunInfo};
 
 use super::published::{self, Published};
+use super::published_curves::PublishedCurve;
 use crate::error::UserError;
 use arms::Group;
 use bands::Bands;
@@ -72,6 +73,8 @@ pub struct Analysis {
     pub left_out: Vec<LeftOut>,
     /// The published figures, where the study's levels are compared.
     pub published: Option<Published>,
+    /// The published learning curves, where someone gave them.
+    pub published_curves: Vec<PublishedCurve>,
     /// What a reader must know.
     pub warnings: Vec<String>,
 }
@@ -197,6 +200,7 @@ impl Analysis {
             missing: runs::missing(&groups, &levels),
             left_out,
             published: published::beside(&levels),
+            published_curves: Vec::new(),
             conventions,
             levels,
             arms,

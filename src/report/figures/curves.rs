@@ -4,11 +4,14 @@ use charts::{About, Axis, Curve, CurveChart, CurvePanel, Layout, Reference, Styl
 
 use super::super::analysis::{AgainstAfresh, Analysis, Arm, LevelInfo, Protocol};
 use super::super::names::file_name;
+use super::super::published_curves::PublishedCurve;
 use super::super::topic::Topic;
 use super::timeline::{Timeline, levels_of, trained_for};
 use super::track::{Seeds, Track};
 use super::{AFRESH, NamedFigure, arms_of, caption, level_label, short_name, style};
 
+/// How the study's own curves look: dashed, in a colour that no arm has.
+const PUBLISHED: Style = Style(AFRESH.0 + 7);
 const RETURN: &str = "return";
 const NORMALISED: &str = "normalised return";
 /// What is drawn of returns during training.
@@ -60,6 +63,8 @@ fn of_arm(analysis: &Analysis, index: usize, arm: &Arm) -> NamedFigure {
     let timeline = Timeline::new(&[arm], &levels_of(arm));
     let mut curve = Curve::new(arm.name.as_str(), style(analysis, index));
     along(&timeline, arm, &mut curve, |_, value| value);
+    let published = published(analysis, arm, &timeline);
+    let beside = if published.is_some() { "Thin dashes: the study's own curves, of one seed." } else { "" };
     let title = format!("{} over its curriculum", arm.name);
     NamedFigure {
         name: format!("learning-curve-{}", file_name(&arm.name)),
@@ -68,6 +73,8 @@ fn of_arm(analysis: &Analysis, index: usize, arm: &Arm) -> NamedFigure {
             format!("{}: {}, one level after another.", arm.name, MOVING.to_lowercase()),
             format!("Line: mean over seeds; thin lines: single seeds. {}", caption::seeds(analysis, &[index])),
             caption::bands(analysis, &[index]),
+            points(analysis, &[index]),
+            beside.to_owned(),
             "A* and the optimum are means over every start cell.".to_owned(),
             caption::missing(analysis, &[index]),
         ]),
@@ -77,7 +84,7 @@ fn of_arm(analysis: &Analysis, index: usize, arm: &Arm) -> NamedFigure {
             x: timeline.axis(),
             y: Axis::new(RETURN),
             panels: vec![CurvePanel {
-                curves: vec![curve],
+                curves: [curve].into_iter().chain(published).collect(),
                 references: timeline.planners(analysis, |_, value| Some(value)),
                 stages: timeline.stages(analysis),
                 ..CurvePanel::default()
@@ -87,6 +94,24 @@ fn of_arm(analysis: &Analysis, index: usize, arm: &Arm) -> NamedFigure {
         .draw(),
         tables: Vec::new(),
     }
+}
+
+/// The study's own curves on the stages that an arm has in common with it, if it trained as long there.
+fn published(analysis: &Analysis, arm: &Arm, timeline: &Timeline) -> Option<Curve> {
+    let study = analysis.published.as_ref()?;
+    let timesteps = study.right_after.iter().find(|model| model.preset == arm.preset)?.timesteps;
+    let shared = arm.stages.iter().enumerate().take(study.shared_stages(arm, &analysis.levels));
+    let mut curve = Curve { thin: true, ..Curve::new("published (one seed)", PUBLISHED) };
+    for (place, stage) in shared.filter(|(_, stage)| stage.timesteps == timesteps) {
+        let x = timeline.place(arm, stage.level)?;
+        let is_here = |own: &&PublishedCurve| own.preset == arm.preset && own.level == place;
+        for own in analysis.published_curves.iter().filter(is_here) {
+            // A line of its own, for each level and repeated run.
+            curve.centre.push((x(0.0), f64::NAN));
+            curve.centre.extend(own.points.iter().map(|&(timesteps, value)| (x(timesteps), value)));
+        }
+    }
+    (!curve.centre.is_empty()).then_some(curve)
 }
 
 /// All arms of one curriculum on one axis: the study's Figure 6 as it was drawn. None for a single arm, which has a
