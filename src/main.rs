@@ -1,22 +1,40 @@
 //! The command-line tool.
 
-use std::process::ExitCode;
+use std::io::{self, Write};
 
 use anyhow::Result;
 use clap::Parser;
 use cpp_rl::cli::{Cli, Command, exit_code};
 use cpp_rl::messages;
 
-fn main() -> ExitCode {
-    let cli = Cli::parse();
-    messages::show(cli.verbosity());
-    match run(&cli) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            tracing::error!("{error:#}");
-            ExitCode::from(exit_code(&error))
+fn main() {
+    let code = match Cli::try_parse() {
+        Ok(cli) => {
+            messages::show(cli.verbosity());
+            match run(&cli) {
+                Ok(()) => 0,
+                Err(error) => {
+                    tracing::error!("{error:#}");
+                    exit_code(&error)
+                }
+            }
         }
-    }
+        // Also where `--help` and `--version` end.
+        Err(error) => {
+            // As clap does when it exits by itself: there is nowhere left to say that nothing can be said.
+            let _ = error.print();
+            error.exit_code()
+        }
+    };
+    leave(code)
+}
+
+/// Ends the process, with libtorch's tables of operators as they are: its static destructors would take them apart one
+/// by one, a third of the time that a short command takes. Whatever is of worth has been dropped by now.
+fn leave(code: i32) -> ! {
+    // What could not be written has been reported where it was printed.
+    let _ = io::stdout().flush();
+    signal_hook::low_level::exit(code)
 }
 
 fn run(cli: &Cli) -> Result<()> {

@@ -61,7 +61,7 @@ impl Cli {
 }
 
 /// The process's exit code for an error: 2 where the user's input is wrong, 130 after a signal, 1 for anything else.
-pub fn exit_code(error: &anyhow::Error) -> u8 {
+pub fn exit_code(error: &anyhow::Error) -> i32 {
     if error.chain().any(|e| e.is::<Interrupted>()) {
         return 130;
     }
