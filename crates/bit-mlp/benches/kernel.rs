@@ -5,7 +5,7 @@ mod setup;
 
 use std::hint::black_box;
 
-use bit_mlp::{Prepared, Workspace, tanh_in_place};
+use bit_mlp::{Activation, Mlp, Prepared, Workspace, tanh_in_place};
 use criterion::{Criterion, criterion_group, criterion_main};
 use setup::{Agent, dqn_network, ppo_towers, random_params, samples};
 
@@ -63,6 +63,27 @@ fn dqn(criterion: &mut Criterion) {
     });
 }
 
+/// A minibatch of one tower, its clipping and Adam, with hidden layers of 64 to 512.
+fn width(criterion: &mut Criterion) {
+    let batch = samples(64);
+    let mut group = criterion.benchmark_group("width");
+    for width in [64, 128, 256, 512] {
+        let mlp = Mlp::new(&[256, width, width, 4], Activation::Tanh, 0);
+        let mut agent = Agent::new(mlp.num_parameters());
+        let mut workspace = Workspace::default();
+        let mut d_outputs = Vec::new();
+        group.bench_function(format!("gradient/{width}"), |bencher| {
+            bencher.iter(|| agent.gradient(&mlp, batch.all(), &mut workspace, &mut d_outputs));
+        });
+        group.bench_function(format!("adam/{width}"), |bencher| bencher.iter(|| agent.adam()));
+        let mut prepared = Prepared::new(&mlp, &agent.params, batch.constant());
+        group.bench_function(format!("forward_one/{width}"), |bencher| {
+            bencher.iter(|| prepared.forward_one(&agent.params, batch.sample(3))[0]);
+        });
+    }
+    group.finish();
+}
+
 fn tanh(criterion: &mut Criterion) {
     let inputs = random_params(64 * 64);
     let mut values = inputs.clone();
@@ -74,5 +95,5 @@ fn tanh(criterion: &mut Criterion) {
     });
 }
 
-criterion_group!(benches, ppo, dqn, tanh);
+criterion_group!(benches, ppo, dqn, width, tanh);
 criterion_main!(benches);

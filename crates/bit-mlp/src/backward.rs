@@ -5,7 +5,7 @@ use crate::batch::Batch;
 use crate::buffer::{Buffer, padded};
 use crate::first_layer::WeightGradient;
 use crate::forward::Workspace;
-use crate::matmul::{Left, Matmul};
+use crate::matmul::{Factor, Matmul};
 use crate::mlp::Mlp;
 
 impl Mlp {
@@ -26,7 +26,7 @@ impl Mlp {
     /// If the shapes do not fit, or `workspace` did not just serve a forward pass of as many
     /// samples.
     pub fn backward(&self, batch: Batch<'_>, d_outputs: &[f32], workspace: &mut Workspace, grads: &mut [f32]) {
-        let Workspace { arch, packed, activations, deltas, transposed, gradient, bias, active_in, .. } = workspace;
+        let Workspace { arch, packed, activations, deltas, gradient, bias, active_in, .. } = workspace;
         let last = self.num_layers() - 1;
         assert_eq!(d_outputs.len(), batch.len() * self.outputs(), "d_outputs is [B, outputs]");
         assert_eq!(activations[last].len(), batch.len() * padded(self.outputs()), "the forward pass had another shape");
@@ -41,8 +41,8 @@ impl Mlp {
             // ∂bias = Σ_b δ_b
             bias.resize(outputs);
             arch.dispatch(Matmul {
-                left: Left::ones(),
-                right: delta,
+                left: Factor::ones(),
+                right: Factor::new(delta, outputs),
                 initial: None,
                 depth: batch.len(),
                 width: outputs,
@@ -69,32 +69,35 @@ impl Mlp {
             let narrow = layer.outputs <= outputs / 2;
             let (left, left_width, right, width) =
                 if narrow { (delta, outputs, input, inputs) } else { (input, inputs, delta, outputs) };
-            gradient.resize(if narrow { layer.outputs } else { inputs } * width);
+            let weight = &mut grads[layer.weight];
+            // Straight to where it belongs, if that is as wide as what is computed.
+            let direct = !narrow && layer.outputs == outputs;
+            if !direct {
+                gradient.resize(if narrow { layer.outputs } else { inputs } * width);
+            }
             arch.dispatch(Matmul {
-                left: Left::transposed(left, left_width),
-                right,
+                left: Factor::transposed(left, left_width),
+                right: Factor::new(right, width),
                 initial: None,
                 depth: batch.len(),
                 width,
-                out: gradient,
+                out: if direct { weight } else { gradient },
             });
             if narrow {
-                let rows = grads[layer.weight].chunks_exact_mut(layer.outputs);
-                for (i, row) in rows.enumerate() {
+                for (i, row) in weight.chunks_exact_mut(layer.outputs).enumerate() {
                     for (o, weight) in row.iter_mut().enumerate() {
                         *weight = gradient[o * inputs + i];
                     }
                 }
-            } else {
-                gradient.copy_unpadded(&mut grads[layer.weight], layer.outputs);
+            } else if !direct {
+                gradient.copy_unpadded(weight, layer.outputs);
             }
 
             // δ' = (δ weightᵀ) ⊙ activation'
-            transposed.copy_transposed(&packed.weights[index], outputs);
             lower.resize(batch.len() * inputs);
             arch.dispatch(Matmul {
-                left: Left::new(delta, outputs),
-                right: transposed,
+                left: Factor::new(delta, outputs),
+                right: Factor::transposed(&packed.weights[index], outputs),
                 initial: None,
                 depth: layer.outputs,
                 width: inputs,

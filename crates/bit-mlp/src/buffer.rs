@@ -57,25 +57,6 @@ impl Buffer {
             to.copy_from_slice(&from[..columns]);
         }
     }
-
-    /// Becomes the transpose of `source` `[rows, columns]`, both of them padded.
-    pub(crate) fn copy_transposed(&mut self, source: &Self, columns: usize) {
-        /// In squares, which end in as many lines as they begin in, rather than each float in
-        /// another.
-        const SIDE: usize = 4;
-        let rows = source.len() / columns;
-        self.resize(source.len());
-        let to = self.as_chunks_mut::<SIDE>().0;
-        for (row, from) in source.chunks_exact(SIDE * columns).enumerate() {
-            let lines = from.as_chunks::<SIDE>().0;
-            for column in 0..columns / SIDE {
-                let [a, b, c, d] = [0, 1, 2, 3].map(|r| lines[r * (columns / SIDE) + column]);
-                for i in 0..SIDE {
-                    to[(column * SIDE + i) * (rows / SIDE) + row] = [a[i], b[i], c[i], d[i]];
-                }
-            }
-        }
-    }
 }
 
 impl std::ops::Deref for Buffer {

@@ -7,7 +7,7 @@ use crate::activation::Activate;
 use crate::batch::Batch;
 use crate::buffer::{Buffer, padded};
 use crate::first_layer::SumRows;
-use crate::matmul::{Left, Matmul};
+use crate::matmul::{Factor, Matmul};
 use crate::mlp::Mlp;
 
 /// Memory for [`Mlp::forward`] and [`Mlp::backward`]. It grows to the largest network and batch it
@@ -24,8 +24,6 @@ pub struct Workspace {
     /// Per layer `[B, padded(outputs)]`: the loss gradient of what the layer computes before
     /// activation.
     pub(crate) deltas: Vec<Buffer>,
-    /// `[padded(outputs), padded(inputs)]`: the transposed weight of the layer at hand.
-    pub(crate) transposed: Buffer,
     /// `[padded(inputs), padded(outputs)]`: the weight gradient of the layer at hand.
     pub(crate) gradient: Buffer,
     /// `[padded(outputs)]`: the bias gradient of the layer at hand.
@@ -48,7 +46,6 @@ impl Workspace {
             activations: Vec::new(),
             outputs: Vec::new(),
             deltas: Vec::new(),
-            transposed: Buffer::default(),
             gradient: Buffer::default(),
             bias: Buffer::default(),
             active_in: Vec::new(),
@@ -113,8 +110,8 @@ impl Packed {
             out.resize(samples.len() * width);
             if let Some(input) = before.last() {
                 arch.dispatch(Matmul {
-                    left: Left::new(input, padded(layer.inputs)),
-                    right: &self.weights[index],
+                    left: Factor::new(input, padded(layer.inputs)),
+                    right: Factor::new(&self.weights[index], width),
                     initial: Some(&self.biases[index]),
                     depth: layer.inputs,
                     width,

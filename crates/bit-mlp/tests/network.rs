@@ -19,10 +19,12 @@ struct Case {
 impl Case {
     fn random(rng: &mut ChaCha8Rng) -> Self {
         let depth = rng.random_range(0..=3);
-        let sizes: Vec<usize> = iter::repeat_with(|| rng.random_range(1..=70)).take(depth + 2).collect();
+        // Some so wide that products are blocked for the caches.
+        let most = if rng.random_bool(0.2) { 400 } else { 70 };
+        let sizes: Vec<usize> = iter::repeat_with(|| rng.random_range(1..=most)).take(depth + 2).collect();
         let activation = if rng.random() { Activation::Tanh } else { Activation::Relu };
         let mlp = Mlp::new(&sizes, activation, rng.random_range(0..40));
-        let params = uniform(rng, mlp.range().end + 5, 0.4);
+        let params = uniform(rng, mlp.range().end + 5, 3.3 / (most as f32).sqrt());
 
         let mut batch = BitBatch::default();
         let constant_share = if rng.random() { 0.2 } else { 0.0 };
