@@ -14,7 +14,7 @@ use crate::evaluate::{self, Choose};
 use crate::report::Format;
 use crate::results::Evaluation;
 use crate::run::checkpoint::Checkpoint;
-use crate::run::manifest::Manifest;
+use crate::run::manifest::{self, Manifest};
 use crate::run::stage_checkpoint;
 
 /// Evaluate checkpoints.
@@ -111,7 +111,7 @@ impl EvalArgs {
             let policy = path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
             return Ok(Model { checkpoint, policy, run: None, max_steps: coverage_env::MAX_STEPS, levels });
         }
-        if !path.join("manifest.json").is_file() {
+        if !path.join(manifest::FILE).is_file() {
             let message = "holds no run: give a run's directory (with a manifest.json) or a checkpoint file";
             return Err(UserError::new(format!("{} {message}", path.display())).into());
         }

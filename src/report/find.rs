@@ -4,6 +4,8 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::run::manifest;
+
 /// Folders below a given one that may hold runs: command, arm, curriculum, seed.
 const DEPTH: usize = 4;
 
@@ -42,7 +44,7 @@ pub fn find_runs(directory: &Path) -> io::Result<Found> {
 impl Found {
     /// Takes a directory that is a run; tells whether it is one.
     fn take(&mut self, directory: &Path) -> io::Result<bool> {
-        let is_run = directory.join("manifest.json").try_exists()?;
+        let is_run = directory.join(manifest::FILE).try_exists()?;
         if is_run {
             self.runs.push(directory.to_owned());
         } else if directory.join(".lock").try_exists()? {

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::find::{NoRun, find_runs};
 use super::{Cell, Table};
 use crate::error::UserError;
-use crate::run::is_held;
+use crate::run::{is_held, logs, manifest};
 use log_tail::LogTail;
 
 /// A file larger than this is no manifest of ours.
@@ -197,7 +197,7 @@ impl RunState {
             Err(error) => return Self::unreadable(path, format!("{error:#}")),
         };
         // A log that cannot be read says as little as one that is not there yet.
-        let log = LogTail::read(&path.join("progress.csv")).ok().flatten();
+        let log = LogTail::read(&path.join(logs::PROGRESS)).ok().flatten();
         let killed = head.status.state == "running" && !is_held(&path);
         let (stage, progress) = head.stage_and_progress(log.as_ref());
         Self {
@@ -250,7 +250,7 @@ impl RunState {
 
 impl Head {
     fn read(run: &Path) -> Result<Self> {
-        let path = run.join("manifest.json");
+        let path = run.join(manifest::FILE);
         let mut text = String::new();
         let read = File::open(&path).and_then(|file| file.take(MAX_MANIFEST_BYTES).read_to_string(&mut text));
         read.context("cannot read manifest.json")?;
@@ -275,7 +275,7 @@ impl Head {
 /// Time since the log or the manifest was written; none on a clock that went back.
 fn age(run: &Path, now: SystemTime) -> Option<Duration> {
     let written = |name: &str| fs::metadata(run.join(name)).and_then(|file| file.modified()).ok();
-    let last = ["progress.csv", "manifest.json"].into_iter().filter_map(written).max()?;
+    let last = [logs::PROGRESS, manifest::FILE].into_iter().filter_map(written).max()?;
     Some(now.duration_since(last).unwrap_or_default())
 }
 

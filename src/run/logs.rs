@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 use super::atomic::{create_directories, sync_directory};
 
 /// The log of metrics.
-pub(super) const PROGRESS: &str = "progress.csv";
+pub const PROGRESS: &str = "progress.csv";
 /// The log of plasticity.
-pub(super) const PLASTICITY: &str = "plasticity.csv";
+pub const PLASTICITY: &str = "plasticity.csv";
 /// TensorBoard's log. Its name is the same for every start, so that a resumed run goes on in the same file.
 pub(super) const TENSORBOARD: &str = "tb/events.out.tfevents.0.cpp-rl";
 /// Every log of a run; one more needs no more than its name here.

@@ -12,6 +12,7 @@ use rl_stats::curve::Curve as CurveSummary;
 use super::THRESHOLDS;
 use super::levels::LevelInfo;
 use crate::error::UserError;
+use crate::run::logs::{PLASTICITY, PROGRESS};
 use crate::run::manifest::StageEntry;
 
 /// Points of a learning curve per stage, at most.
@@ -120,8 +121,8 @@ impl Logs {
             rows_without_return: 0,
             damaged_rows: 0,
         };
-        logs.read_progress(&run.join("progress.csv"), &levels)?;
-        logs.read_plasticity(&run.join("plasticity.csv"), stages)?;
+        logs.read_progress(&run.join(PROGRESS), &levels)?;
+        logs.read_plasticity(&run.join(PLASTICITY), stages)?;
         Ok(logs)
     }
 
