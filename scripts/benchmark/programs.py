@@ -23,6 +23,8 @@ PACKAGES = {
 MODULES = {"jax": "jax, optax", "sb3": "stable_baselines3, torch"}
 ROLLOUT = 2048
 """Timesteps of PPO's rollout, and between two rows of DQN's log: what all lengths are rounded to."""
+WIDTH = 64
+"""Of the study's hidden layers."""
 
 
 @dataclass(frozen=True)
@@ -116,11 +118,14 @@ class Peer:
             subprocess.run(install, check=True)
         return Peer(name, python)
 
-    def train(self, algo: str, timesteps: int, cores: Sequence[int]) -> Timed:
-        """One seed; the clock is the program's own, which leaves out imports, compilation and warming up."""
+    def train(self, algo: str, timesteps: int, cores: Sequence[int], width: int = WIDTH) -> Timed:
+        """One seed; the clock is the program's own, which leaves out imports, compilation and warming up. JAX alone can
+        have hidden layers of another `width`.
+        """
         if self.name == "jax":
-            units = timesteps // ROLLOUT if algo == "ppo" else timesteps
-            command = [self.python, PEERS / f"jax_{algo}.py", "1", str(units)]
+            units = str(timesteps // ROLLOUT if algo == "ppo" else timesteps)
+            script = [f"jax_{algo}.py", "1"] if width == WIDTH else ["jax_wide.py", algo, str(width)]
+            command = [self.python, PEERS / script[0], *script[1:], units]
         else:
             command = [self.python, PEERS / "sb3.py", algo, str(timesteps)]
         process = run(command, cores)

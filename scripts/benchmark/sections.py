@@ -153,7 +153,6 @@ def along(b: Bench, axis: str, values: Sequence[int], options: Callable[[str, in
     for algo in ALGORITHMS:
         for value in b.values(values):
             chosen = options(algo, value)
-            # Wide networks take seconds per rollout: two of them have to do.
             n = whole(b.cpp_rl.train(algo, 2 * ROLLOUT, b.core, **chosen).rate * b.seconds / 2)
             for repetition in range(b.repetitions):
                 timed = b.cpp_rl.train(algo, n, b.core, **chosen)
@@ -163,8 +162,30 @@ def along(b: Bench, axis: str, values: Sequence[int], options: Callable[[str, in
 
 
 def width(b: Bench) -> Rows:
-    """Two hidden layers of 64 to 512."""
-    return along(b, "width", WIDTHS, lambda _, width: {"settings": [f"hidden=[{width}, {width}]"]})
+    """Two hidden layers of 64 to 512, cpp-rl and JAX in turn."""
+    jax = Peer.prepare("jax", b.venvs["jax"])
+
+    def ours(algo: str, width: int, n: int) -> Timed:
+        return b.cpp_rl.train(algo, n, b.core, settings=[f"hidden=[{width}, {width}]"])
+
+    def theirs(algo: str, width: int, n: int) -> Timed:
+        return jax.train(algo, n, b.core, width)
+
+    rows = []
+    for algo in ALGORITHMS:
+        for width in b.values(WIDTHS):
+            programs = {"cpp-rl": ours, "jax": theirs}
+            # Wide networks take seconds per rollout: two of them have to do.
+            lengths = {
+                name: whole(train(algo, width, 2 * ROLLOUT).rate * b.seconds / 2) for name, train in programs.items()
+            }
+            for repetition in range(b.repetitions):
+                for name, train in programs.items():
+                    timed = train(algo, width, lengths[name])
+                    say(f"{algo}, width {width}: {name} {timed.rate:,.0f} timesteps/s")
+                    row = {"algo": algo, "width": width, "repetition": repetition, "program": name}
+                    rows.append({**row, **numbers(timed)})
+    return rows
 
 
 def maps(b: Bench) -> Rows:
@@ -278,7 +299,7 @@ SECTIONS: dict[str, tuple[Callable[[Bench], Rows], str]] = {
     "compare": (compare, "8 minutes"),
     "cores": (cores, "3 minutes"),
     "seeds": (seeds, "20 minutes"),
-    "width": (width, "4 minutes"),
+    "width": (width, "25 minutes"),
     "maps": (maps, "5 minutes"),
     "environments": (environments, "4 minutes"),
     "curriculum": (curriculum, "3 minutes"),

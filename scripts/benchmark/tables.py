@@ -116,6 +116,23 @@ def along(axis: str, label: Callable[[int], str]) -> Callable[[Rows], str]:
     return make
 
 
+def width(rows: Rows) -> str:
+    """Rates by width, and ratios of runs of the same repetition."""
+    widths = list(dict.fromkeys(row["width"] for row in rows))
+    lines = []
+    for (algo,), runs in group(rows, "algo").items():
+        rates: dict[str, list[list[float]]] = {}
+        for (program, _), found in group(runs, "program", "width").items():
+            rates.setdefault(program, []).append(column(found, "rate"))
+        lines += [[f"{algo.upper()}, {NAMES[program]}", *map(spread, values)] for program, values in rates.items()]
+        ratios = [
+            [ours / theirs for ours, theirs in zip(*pair, strict=True)]
+            for pair in zip(rates["cpp-rl"], rates["jax"], strict=True)
+        ]
+        lines.append([f"{algo.upper()}, cpp-rl is faster by", *(spread(values, ".2f") for values in ratios)])
+    return table(["timesteps/s, one seed, one core", *(f"{width} wide" for width in widths)], lines)
+
+
 def processes(name: Callable[[dict[str, Any]], str]) -> Callable[[Rows], str]:
     """Wall time and peak memory of whole processes."""
 
@@ -178,7 +195,7 @@ TABLES: dict[str, Callable[[Rows], str]] = {
     "compare": compare,
     "cores": cores,
     "seeds": seeds,
-    "width": along("width", lambda width: f"{width} wide"),
+    "width": width,
     "maps": along("side", lambda side: f"{side}×{side}"),
     "environments": along("environments", lambda count: f"{count} environment{'s' * (count > 1)}"),
     "curriculum": processes(lambda _: "PPO-L2 through the five levels"),
