@@ -32,7 +32,7 @@ fn ppo(criterion: &mut Criterion) {
     let d_logits = vec![0.1; minibatch.len() * policy.outputs()];
     policy.forward(&agent.params, minibatch, &mut workspace);
     group.bench_function("backward", |bencher| {
-        bencher.iter(|| policy.backward(minibatch, &d_logits, &mut workspace, &mut agent.grads));
+        bencher.iter(|| policy.backward(&agent.params, minibatch, &d_logits, &mut workspace, &mut agent.grads));
     });
     group.bench_function("adam", |bencher| bencher.iter(|| agent.adam()));
     let mut prepared = Prepared::new(&policy, &agent.params, rollout.constant());

@@ -13,8 +13,8 @@ impl Mlp {
     /// `grads[self.range()]`.
     ///
     /// `d_outputs` `[B, outputs]` is the gradient of the loss with respect to the outputs of the
-    /// [`forward`](Self::forward) pass that went before, with the same `batch` and `workspace`; it
-    /// keeps the parameters too. `grads` is flat like them, and nothing of it outside of the
+    /// [`forward`](Self::forward) pass that went before, with the same `params`, `batch` and
+    /// `workspace`. `grads` is flat like them, and nothing of it outside of the
     /// network's range is touched.
     ///
     /// With `x` what enters a layer, `δ` the gradient at what it computes before activation, and
@@ -25,7 +25,14 @@ impl Mlp {
     /// # Panics
     /// If the shapes do not fit, or `workspace` did not just serve a forward pass of as many
     /// samples.
-    pub fn backward(&self, batch: Batch<'_>, d_outputs: &[f32], workspace: &mut Workspace, grads: &mut [f32]) {
+    pub fn backward(
+        &self,
+        params: &[f32],
+        batch: Batch<'_>,
+        d_outputs: &[f32],
+        workspace: &mut Workspace,
+        grads: &mut [f32],
+    ) {
         let Workspace { arch, packed, activations, deltas, gradient, bias, active_in, .. } = workspace;
         let last = self.num_layers() - 1;
         assert_eq!(d_outputs.len(), batch.len() * self.outputs(), "d_outputs is [B, outputs]");
@@ -48,7 +55,7 @@ impl Mlp {
                 width: outputs,
                 out: bias,
             });
-            grads[layer.bias].copy_from_slice(&bias[..layer.outputs]);
+            grads[layer.bias.clone()].copy_from_slice(&bias[..layer.outputs]);
 
             let Some(lower) = lower.last_mut() else {
                 active_in.resize(layer.inputs, 0);
@@ -69,14 +76,14 @@ impl Mlp {
             let narrow = layer.outputs <= outputs / 2;
             let (left, left_width, right, width) =
                 if narrow { (delta, outputs, input, inputs) } else { (input, inputs, delta, outputs) };
-            let weight = &mut grads[layer.weight];
+            let weight = &mut grads[layer.weight.clone()];
             // Straight to where it belongs, if that is as wide as what is computed.
             let direct = !narrow && layer.outputs == outputs;
             if !direct {
                 gradient.resize(if narrow { layer.outputs } else { inputs } * width);
             }
             arch.dispatch(Matmul {
-                left: Factor::transposed(left, left_width),
+                left: Factor::new(left, left_width).transposed(),
                 right: Factor::new(right, width),
                 initial: None,
                 depth: batch.len(),
@@ -97,7 +104,7 @@ impl Mlp {
             lower.resize(batch.len() * inputs);
             arch.dispatch(Matmul {
                 left: Factor::new(delta, outputs),
-                right: Factor::transposed(&packed.weights[index], outputs),
+                right: packed.weight(index, &layer, params).transposed(),
                 initial: None,
                 depth: layer.outputs,
                 width: inputs,

@@ -5,10 +5,10 @@ use pulp::Arch;
 
 use crate::activation::Activate;
 use crate::batch::Batch;
-use crate::buffer::{Buffer, padded};
+use crate::buffer::{Buffer, LINE, padded};
 use crate::first_layer::SumRows;
-use crate::matmul::{Factor, Matmul};
-use crate::mlp::Mlp;
+use crate::matmul::{FAR, Factor, Matmul};
+use crate::mlp::{Layer, Mlp};
 
 /// Memory for [`Mlp::forward`] and [`Mlp::backward`]. It grows to the largest network and batch it
 /// has seen, and can serve any; between a forward pass and its backward pass it must serve no
@@ -61,9 +61,15 @@ pub(crate) struct Packed {
     constant_sum: Buffer,
     /// Per layer `[padded(outputs)]`.
     biases: Vec<Buffer>,
-    /// Per layer `[padded(inputs), padded(outputs)]`; nothing for the first, whose weight is read
-    /// where it lies.
-    pub(crate) weights: Vec<Buffer>,
+    /// Per layer `[padded(inputs), padded(outputs)]`; nothing for the first, and where
+    /// [`reads_in_place`].
+    weights: Vec<Buffer>,
+}
+
+/// Whether a dense layer's weight is read where it lies: if it needs no padding, and products pack
+/// it for the cache as they go.
+fn reads_in_place(layer: &Layer) -> bool {
+    layer.outputs >= FAR && [layer.inputs, layer.outputs].iter().all(|size| size.is_multiple_of(LINE))
 }
 
 impl Packed {
@@ -71,22 +77,32 @@ impl Packed {
         self.biases.resize_with(mlp.num_layers(), Buffer::default);
         self.weights.resize_with(mlp.num_layers(), Buffer::default);
         for (index, layer) in mlp.layers().enumerate() {
+            let in_place = reads_in_place(&layer);
             self.biases[index].copy_padded(&params[layer.bias], layer.outputs);
-            if index > 0 {
+            if index == 0 {
+                // The constant inputs are one sample, whose sum starts from the bias.
+                self.constant_sum.resize(padded(layer.outputs));
+                arch.dispatch(SumRows {
+                    weight: &params[layer.weight],
+                    width: layer.outputs,
+                    initial: &self.biases[0],
+                    samples: std::iter::once(constant),
+                    out: &mut self.constant_sum,
+                });
+            } else if !in_place {
                 let weight = &mut self.weights[index];
                 weight.copy_padded(&params[layer.weight], layer.outputs);
                 weight.resize(padded(layer.inputs) * padded(layer.outputs));
-                continue;
             }
-            // The constant inputs are one sample, whose sum starts from the bias.
-            self.constant_sum.resize(padded(layer.outputs));
-            arch.dispatch(SumRows {
-                weight: &params[layer.weight],
-                width: layer.outputs,
-                initial: &self.biases[0],
-                samples: std::iter::once(constant),
-                out: &mut self.constant_sum,
-            });
+        }
+    }
+
+    /// The weight of a layer but the first, with rows padded to whole lines.
+    pub(crate) fn weight<'a>(&'a self, index: usize, layer: &Layer, params: &'a [f32]) -> Factor<'a> {
+        if reads_in_place(layer) {
+            Factor::new(&params[layer.weight.clone()], layer.outputs)
+        } else {
+            Factor::new(&self.weights[index], padded(layer.outputs))
         }
     }
 
@@ -111,7 +127,7 @@ impl Packed {
             if let Some(input) = before.last() {
                 arch.dispatch(Matmul {
                     left: Factor::new(input, padded(layer.inputs)),
-                    right: Factor::new(&self.weights[index], width),
+                    right: self.weight(index, &layer, params),
                     initial: Some(&self.biases[index]),
                     depth: layer.inputs,
                     width,
@@ -225,7 +241,7 @@ mod tests {
                 assert_eq!(acted.collect::<Vec<_>>(), results);
 
                 let mut grads = vec![0.0; params.len()];
-                mlp.backward(batch.all(), &d_outputs, &mut workspace, &mut grads);
+                mlp.backward(&params, batch.all(), &d_outputs, &mut workspace, &mut grads);
                 results.extend(grads);
                 results
             });

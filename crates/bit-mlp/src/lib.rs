@@ -29,7 +29,7 @@
 //! let mut workspace = Workspace::default();
 //! let outputs = policy.forward(&params, batch.all(), &mut workspace); // [2, 4]
 //! let d_outputs: Vec<f32> = outputs.iter().map(|logit| 2.0 * logit).collect(); // of the loss Σ logit²
-//! policy.backward(batch.all(), &d_outputs, &mut workspace, &mut grads);
+//! policy.backward(&params, batch.all(), &d_outputs, &mut workspace, &mut grads);
 //!
 //! let moments = Moments { exp_avg: &mut exp_avg, exp_avg_sq: &mut exp_avg_sq, step: 1 };
 //! let norm = clip_and_adam(&mut params, &grads, moments, 0.5, Decayed::All, &AdamConfig::default());

@@ -19,9 +19,9 @@ impl<'a> Factor<'a> {
         Self { data, row: stride, column: 1 }
     }
 
-    /// The transpose of a matrix whose rows are `stride` apart.
-    pub(crate) fn transposed(data: &'a [f32], stride: usize) -> Self {
-        Self { data, row: 1, column: stride }
+    /// The transpose of a matrix.
+    pub(crate) fn transposed(self) -> Self {
+        Self { row: self.column, column: self.row, ..self }
     }
 
     /// A row of ones, as long as is needed: the product sums the rows of the right factor.
@@ -66,7 +66,7 @@ const BLOCK: usize = 64;
 
 /// When rows of `right` are this far apart, the same columns of [`BLOCK`] of them fall into too few
 /// of a cache's sets.
-const FAR: usize = 256;
+pub(crate) const FAR: usize = 256;
 
 /// With fewer rows than this to multiply, packing what they are multiplied with does not pay.
 const MANY: usize = 16;

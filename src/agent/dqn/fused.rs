@@ -100,8 +100,8 @@ impl Seed {
             loss += share * if error.abs() < 1.0 { 0.5 * error * error } else { error.abs() - 0.5 };
             d_values[usize::from(action)] = share * error.clamp(-1.0, 1.0);
         }
-        let gradient = &mut self.agent.gradient;
-        q.backward(batch, &self.d_values, &mut self.online, gradient);
+        let FusedAgent { parameters, gradient, .. } = &mut self.agent;
+        q.backward(parameters, batch, &self.d_values, &mut self.online, gradient);
         self.stale = true;
         DqnLoss { loss, grad_norm: self.agent.descend() }
     }

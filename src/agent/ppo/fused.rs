@@ -127,9 +127,9 @@ impl Seed {
         }
         loss.total = loss.policy + c.ent_coef as f32 * loss.entropy + c.vf_coef as f32 * loss.value;
 
-        let gradient = &mut self.agent.gradient;
-        policy.backward(batch, &self.d_logits, &mut self.policy, gradient);
-        value.backward(batch, &self.d_values, &mut self.value, gradient);
+        let FusedAgent { parameters, gradient, .. } = &mut self.agent;
+        policy.backward(parameters, batch, &self.d_logits, &mut self.policy, gradient);
+        value.backward(parameters, batch, &self.d_values, &mut self.value, gradient);
         loss.grad_norm = self.agent.descend();
         loss
     }

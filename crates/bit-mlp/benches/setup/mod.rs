@@ -57,7 +57,7 @@ impl Agent {
     pub fn gradient(&mut self, mlp: &Mlp, batch: Batch<'_>, workspace: &mut Workspace, d_outputs: &mut Vec<f32>) {
         d_outputs.clear();
         d_outputs.extend_from_slice(mlp.forward(&self.params, batch, workspace));
-        mlp.backward(batch, d_outputs, workspace, &mut self.grads);
+        mlp.backward(&self.params, batch, d_outputs, workspace, &mut self.grads);
     }
 
     /// A clipped step; returns the norm of the gradient.
