@@ -21,7 +21,7 @@ fn main() {
         }
         // Also where `--help` and `--version` end.
         Err(error) => {
-            // As clap does when it exits by itself: there is nowhere left to say that nothing can be said.
+            // As clap does when it exits by itself: that help cannot be written is no error.
             let _ = error.print();
             error.exit_code()
         }
@@ -32,7 +32,7 @@ fn main() {
 /// Ends the process, with libtorch's tables of operators as they are: its static destructors would take them apart one
 /// by one, a third of the time that a short command takes. Whatever is of worth has been dropped by now.
 fn leave(code: i32) -> ! {
-    // What could not be written has been reported where it was printed.
+    // Nothing should be left in it: whoever prints flushes, and reports what could not be written.
     let _ = io::stdout().flush();
     signal_hook::low_level::exit(code)
 }

@@ -24,6 +24,7 @@ PARTS = (
     (r"^lib(torch|c10)|^ld-linux", "loading libtorch"),
     (r"first_layer\.rs: .*(SumRows|sum_columns)", "first layer, forward: sums of rows"),
     (r"first_layer\.rs: ", "first layer, gradient of the weight"),
+    (r"matmul\.rs: .*\bpack", "packing, transposing, gathering samples"),
     (r"matmul\.rs: ", "dense layers: matrix products, forward and backward; bias gradients"),
     (r"adam\.rs: ", "clipping and Adam"),
     (r"activation\.rs: ", "activations and their derivatives"),

@@ -122,6 +122,7 @@ class Peer:
         """One seed; the clock is the program's own, which leaves out imports, compilation and warming up. JAX alone can
         have hidden layers of another `width`.
         """
+        assert width == WIDTH or self.name == "jax"
         if self.name == "jax":
             units = str(timesteps // ROLLOUT if algo == "ppo" else timesteps)
             script = [f"jax_{algo}.py", "1"] if width == WIDTH else ["jax_wide.py", algo, str(width)]

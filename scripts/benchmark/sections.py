@@ -165,25 +165,25 @@ def width(b: Bench) -> Rows:
     """Two hidden layers of 64 to 512, cpp-rl and JAX in turn."""
     jax = Peer.prepare("jax", b.venvs["jax"])
 
-    def ours(algo: str, width: int, n: int) -> Timed:
-        return b.cpp_rl.train(algo, n, b.core, settings=[f"hidden=[{width}, {width}]"])
+    def ours(algo: str, wide: int, n: int) -> Timed:
+        return b.cpp_rl.train(algo, n, b.core, settings=[f"hidden=[{wide}, {wide}]"])
 
-    def theirs(algo: str, width: int, n: int) -> Timed:
-        return jax.train(algo, n, b.core, width)
+    def theirs(algo: str, wide: int, n: int) -> Timed:
+        return jax.train(algo, n, b.core, wide)
 
+    programs = {"cpp-rl": ours, "jax": theirs}
     rows = []
     for algo in ALGORITHMS:
-        for width in b.values(WIDTHS):
-            programs = {"cpp-rl": ours, "jax": theirs}
+        for wide in b.values(WIDTHS):
             # Wide networks take seconds per rollout: two of them have to do.
             lengths = {
-                name: whole(train(algo, width, 2 * ROLLOUT).rate * b.seconds / 2) for name, train in programs.items()
+                name: whole(train(algo, wide, 2 * ROLLOUT).rate * b.seconds / 2) for name, train in programs.items()
             }
             for repetition in range(b.repetitions):
                 for name, train in programs.items():
-                    timed = train(algo, width, lengths[name])
-                    say(f"{algo}, width {width}: {name} {timed.rate:,.0f} timesteps/s")
-                    row = {"algo": algo, "width": width, "repetition": repetition, "program": name}
+                    timed = train(algo, wide, lengths[name])
+                    say(f"{algo}, width {wide}: {name} {timed.rate:,.0f} timesteps/s")
+                    row = {"algo": algo, "width": wide, "repetition": repetition, "program": name}
                     rows.append({**row, **numbers(timed)})
     return rows
 
@@ -305,7 +305,7 @@ SECTIONS: dict[str, tuple[Callable[[Bench], Rows], str]] = {
     "curriculum": (curriculum, "3 minutes"),
     "startup": (startup, "10 seconds"),
     "memory": (memory, "20 seconds"),
-    "micro": (micro, "3 minutes"),
+    "micro": (micro, "6 minutes"),
     "limits": (limits, "10 seconds"),
     "profile": (profiles, "30 seconds"),
 }

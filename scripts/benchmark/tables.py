@@ -130,7 +130,7 @@ def width(rows: Rows) -> str:
             for pair in zip(rates["cpp-rl"], rates["jax"], strict=True)
         ]
         lines.append([f"{algo.upper()}, cpp-rl is faster by", *(spread(values, ".2f") for values in ratios)])
-    return table(["timesteps/s, one seed, one core", *(f"{width} wide" for width in widths)], lines)
+    return table(["timesteps/s, one seed, one core", *(f"{wide} wide" for wide in widths)], lines)
 
 
 def processes(name: Callable[[dict[str, Any]], str]) -> Callable[[Rows], str]:

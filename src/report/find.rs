@@ -4,7 +4,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::run::manifest;
+use crate::run::{lock, manifest};
 
 /// Folders below a given one that may hold runs: command, arm, curriculum, seed.
 const DEPTH: usize = 4;
@@ -47,7 +47,7 @@ impl Found {
         let is_run = directory.join(manifest::FILE).try_exists()?;
         if is_run {
             self.runs.push(directory.to_owned());
-        } else if directory.join(".lock").try_exists()? {
+        } else if directory.join(lock::NAME).try_exists()? {
             self.others.push((directory.to_owned(), NoRun::NotBegun));
             return Ok(true);
         }

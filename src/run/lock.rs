@@ -10,7 +10,7 @@ use anyhow::{Context, Result};
 use crate::error::UserError;
 
 /// Its name within the run.
-const NAME: &str = ".lock";
+pub const NAME: &str = ".lock";
 /// How often the lock is tried, since who only [asks](is_held) holds it for an instant.
 const ATTEMPTS: usize = 4;
 const PAUSE: Duration = Duration::from_millis(25);

@@ -8,7 +8,7 @@ mod atomic;
 pub mod checkpoint;
 mod container;
 pub mod evaluations;
-mod lock;
+pub mod lock;
 pub mod logs;
 pub mod manifest;
 pub mod retention;

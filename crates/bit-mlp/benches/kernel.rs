@@ -63,7 +63,7 @@ fn dqn(criterion: &mut Criterion) {
     });
 }
 
-/// A minibatch of one tower, its clipping and Adam, with hidden layers of 64 to 512.
+/// A minibatch of one tower, its clipping and Adam, and one action, with hidden layers of 64 to 512.
 fn width(criterion: &mut Criterion) {
     let batch = samples(64);
     let mut group = criterion.benchmark_group("width");

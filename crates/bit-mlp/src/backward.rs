@@ -14,8 +14,8 @@ impl Mlp {
     ///
     /// `d_outputs` `[B, outputs]` is the gradient of the loss with respect to the outputs of the
     /// [`forward`](Self::forward) pass that went before, with the same `params`, `batch` and
-    /// `workspace`. `grads` is flat like them, and nothing of it outside of the
-    /// network's range is touched.
+    /// `workspace`. `grads` is flat like the parameters, and nothing of it outside of the network's
+    /// range is touched.
     ///
     /// With `x` what enters a layer, `δ` the gradient at what it computes before activation, and
     /// `b` the samples: `∂bias = Σ_b δ_b`, `∂weight = xᵀ δ`, and one layer down `δ' = (δ weightᵀ) ⊙
@@ -92,8 +92,8 @@ impl Mlp {
             });
             if narrow {
                 for (i, row) in weight.chunks_exact_mut(layer.outputs).enumerate() {
-                    for (o, weight) in row.iter_mut().enumerate() {
-                        *weight = gradient[o * inputs + i];
+                    for (o, element) in row.iter_mut().enumerate() {
+                        *element = gradient[o * inputs + i];
                     }
                 }
             } else if !direct {

@@ -24,7 +24,8 @@ pub struct Workspace {
     /// Per layer `[B, padded(outputs)]`: the loss gradient of what the layer computes before
     /// activation.
     pub(crate) deltas: Vec<Buffer>,
-    /// `[padded(inputs), padded(outputs)]`: the weight gradient of the layer at hand.
+    /// The weight gradient of the layer at hand, `[padded(inputs), padded(outputs)]` or, where most
+    /// of that would be padding, `[outputs, padded(inputs)]`.
     pub(crate) gradient: Buffer,
     /// `[padded(outputs)]`: the bias gradient of the layer at hand.
     pub(crate) bias: Buffer,
@@ -53,8 +54,8 @@ impl Workspace {
     }
 }
 
-/// What a forward pass needs of the parameters, apart from the first layer's weight: rows padded to
-/// whole lines, so that the kernels have no tails and their loads straddle no lines.
+/// What a forward pass needs of the parameters, apart from the weights that are read where they lie:
+/// rows padded to whole lines, so that the kernels have no tails and their loads straddle no lines.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Packed {
     /// `[padded(outputs)]` of the first layer: its bias plus the weights of the constant inputs.
@@ -66,8 +67,8 @@ pub(crate) struct Packed {
     weights: Vec<Buffer>,
 }
 
-/// Whether a dense layer's weight is read where it lies: if it needs no padding, and products pack
-/// it for the cache as they go.
+/// Whether a dense layer's weight is read where it lies: if it needs no padding, and products with a
+/// batch pack it for the cache anyway. Those with one sample wait for the memory, aligned or not.
 fn reads_in_place(layer: &Layer) -> bool {
     layer.outputs >= FAR && [layer.inputs, layer.outputs].iter().all(|size| size.is_multiple_of(LINE))
 }
@@ -198,8 +199,8 @@ impl Prepared {
 
     /// The outputs `[outputs]` for one sample with these active inputs beside the constant ones.
     ///
-    /// `params` must be those of the last [`refresh`](Self::refresh): the first layer's weight is
-    /// read from them, the rest from the preparation.
+    /// `params` must be those of the last [`refresh`](Self::refresh): the weights of the first layer
+    /// and of wide ones are read from them, the rest from the preparation.
     pub fn forward_one(&mut self, params: &[f32], active: &[u16]) -> &[f32] {
         self.packed.run(self.arch, &self.mlp, params, std::iter::once(active), &mut self.activations);
         &self.activations[self.mlp.num_layers() - 1][..self.mlp.outputs()]
@@ -223,9 +224,13 @@ mod tests {
 
     #[test]
     fn instruction_sets_agree() {
-        for activation in [Activation::Tanh, Activation::Relu] {
-            let mlp = Mlp::new(&[40, 37, 64, 5], activation, 3);
-            let params: Vec<f32> = (0..mlp.range().end).map(|i| (i as f32 * 0.7).sin() * 0.3).collect();
+        let narrow: (&[usize], f32) = (&[40, 37, 64, 5], 0.3);
+        // Products in several blocks, packed, read in place, and with a gradient that goes straight to its place.
+        let wide: (&[usize], f32) = (&[40, 37, 272, 256, 5], 0.1);
+        let cases = [Activation::Tanh, Activation::Relu].map(|activation| [(narrow, activation), (wide, activation)]);
+        for ((sizes, scale), activation) in cases.into_iter().flatten() {
+            let mlp = Mlp::new(sizes, activation, 3);
+            let params: Vec<f32> = (0..mlp.range().end).map(|i| (i as f32 * 0.7).sin() * scale).collect();
             let mut batch = BitBatch::default();
             batch.set_constant(&[1, 5, 39]);
             for sample in 0..70 {

@@ -30,6 +30,7 @@ impl<'a> Factor<'a> {
     }
 
     /// Whether all of `[rows, columns]` is there.
+    #[inline(always)]
     fn holds(self, rows: usize, columns: usize) -> bool {
         rows == 0 || columns == 0 || self.data.len() > (rows - 1) * self.row + (columns - 1) * self.column
     }
@@ -50,8 +51,8 @@ impl<'a> Factor<'a> {
 /// A tile of `R` rows by `V` vectors of the result stays in registers while `depth` runs, so that
 /// each vector of `right` is loaded once per `R` products and each element of `left` once per `V`.
 /// What all tiles of the same columns read of `right` stays in the first cache: [`BLOCK`] of its
-/// rows at a time, packed where they lie far apart or across (Goto & van de Geijn, 2008,
-/// <https://doi.org/10.1145/1356052.1356053>, section 4).
+/// rows at a time, packed where they lie across, or far apart with many rows to multiply (Goto & van
+/// de Geijn, 2008, <https://doi.org/10.1145/1356052.1356053>, section 4).
 pub(crate) struct Matmul<'a> {
     pub(crate) left: Factor<'a>,
     pub(crate) right: Factor<'a>,
@@ -80,9 +81,12 @@ impl WithSimd for Matmul<'_> {
         let rows = out.len() / width;
         assert!(width.is_multiple_of(LINE) && out.len() == rows * width);
         assert!(left.holds(rows, depth) && right.holds(depth, width));
+        // Whole vectors side by side, or across.
+        let (along, between) = if right.column == 1 { (right.column, right.row) } else { (right.row, right.column) };
+        assert!(along == 1 && between.is_multiple_of(LINE));
         assert!(initial.is_none_or(|row| row.len() >= width));
 
-        if depth == 0 {
+        if rows == 0 || depth == 0 {
             for row in self.out.chunks_exact_mut(width) {
                 match initial {
                     Some(initial) => row.copy_from_slice(&initial[..width]),
@@ -120,17 +124,17 @@ impl Matmul<'_> {
             let left = self.left.from(0, begin);
             let right = self.right.from(begin, column * S::F32_LANES);
             let across = right.column != 1;
-            let mut panel;
+            let mut panel: Panel<S::f32s, V>;
             let right = if across || (right.row >= FAR && rows >= MANY) {
-                panel = [[simd.splat_f32s(0.0); V]; BLOCK];
-                let floats = bytemuck::cast_slice_mut(panel.as_flattened_mut());
+                panel = Panel([[simd.splat_f32s(0.0); V]; BLOCK]);
+                let floats = bytemuck::cast_slice_mut(panel.0.as_flattened_mut());
                 let columns = V * S::F32_LANES;
                 if across {
                     right.pack_across(depth, columns, floats)
                 } else {
                     right.pack(depth, columns, floats)
                 }
-                Block { vectors: panel.as_flattened(), stride: V, depth }
+                Block { vectors: panel.0.as_flattened(), stride: V, depth }
             } else {
                 Block { vectors: S::as_simd_f32s(right.data).0, stride: right.row / S::F32_LANES, depth }
             };
@@ -147,6 +151,11 @@ impl Matmul<'_> {
     }
 }
 
+/// Packed rows, on whole cache lines.
+#[repr(align(64))]
+struct Panel<F, const V: usize>([[F; V]; BLOCK]);
+
+// Packing moves memory, which needs no wide instructions, nor to be inlined.
 impl Factor<'_> {
     /// Copies `[depth, columns]` of a matrix that is not transposed to `panel`, row after row.
     fn pack(self, depth: usize, columns: usize, panel: &mut [f32]) {
@@ -205,6 +214,7 @@ fn tile<S: Simd, const R: usize, const V: usize>(
     out: &mut [S::f32s],
     stride: usize,
 ) {
+    assert!(left.holds(R, right.depth) && right.vectors.len() >= (right.depth - 1) * right.stride + V);
     let mut sums = [[simd.splat_f32s(0.0); V]; R];
     for (r, sums) in sums.iter_mut().enumerate() {
         *sums = match initial {
@@ -215,8 +225,8 @@ fn tile<S: Simd, const R: usize, const V: usize>(
     for k in 0..right.depth {
         for (r, sums) in sums.iter_mut().enumerate() {
             for (v, sum) in sums.iter_mut().enumerate() {
-                // SAFETY: `with_simd` has asserted that both factors hold all rows and columns;
-                // the tile is a part of them. The checks would take more time than the products.
+                // SAFETY: both were asserted to hold the tile's last element, and so all before it.
+                // The checks would take more time than the products.
                 let (x, y) = unsafe {
                     let x = left.data.get_unchecked(r * left.row + k * left.column);
                     (*x, *right.vectors.get_unchecked(k * right.stride + v))

@@ -17,17 +17,27 @@ struct Case {
 }
 
 impl Case {
+    /// `count` of them, the first with products that are blocked for the caches and read weights in
+    /// place.
+    fn several(rng: &mut ChaCha8Rng, count: usize) -> impl Iterator<Item = Self> {
+        (0..count).map(|i| if i == 0 { Self::of_sizes(rng, &[40, 272, 256, 272, 5]) } else { Self::random(rng) })
+    }
+
     fn random(rng: &mut ChaCha8Rng) -> Self {
         let depth = rng.random_range(0..=3);
-        // Some so wide that products are blocked for the caches.
         let most = if rng.random_bool(0.2) { 400 } else { 70 };
         let mut sizes: Vec<usize> = iter::repeat_with(|| rng.random_range(1..=most)).take(depth + 2).collect();
         if rng.random_bool(0.3) {
             sizes.iter_mut().for_each(|size| *size = size.next_multiple_of(16)); // no padding
         }
+        Self::of_sizes(rng, &sizes)
+    }
+
+    fn of_sizes(rng: &mut ChaCha8Rng, sizes: &[usize]) -> Self {
+        let widest = sizes.iter().fold(70, |widest, &size| widest.max(size));
         let activation = if rng.random() { Activation::Tanh } else { Activation::Relu };
-        let mlp = Mlp::new(&sizes, activation, rng.random_range(0..40));
-        let params = uniform(rng, mlp.range().end + 5, 3.3 / (most as f32).sqrt());
+        let mlp = Mlp::new(sizes, activation, rng.random_range(0..40));
+        let params = uniform(rng, mlp.range().end + 5, 3.3 / (widest as f32).sqrt());
 
         let mut batch = BitBatch::default();
         let constant_share = if rng.random() { 0.2 } else { 0.0 };
@@ -123,8 +133,7 @@ fn assert_close(ours: &[f32], reference: &[f64], tolerance: f64) {
 fn forward_and_backward_equal_the_reference() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut workspace = Workspace::default(); // one for all, as networks and batches may take turns
-    for _ in 0..150 {
-        let case = Case::random(&mut rng);
+    for case in Case::several(&mut rng, 150) {
         let Case { mlp, params, batch, d_outputs } = &case;
         let wide = widen(params);
         let inputs = case.dense_inputs();
@@ -174,14 +183,25 @@ fn the_reference_gradient_equals_finite_differences() {
 fn one_sample_equals_the_batch_bit_for_bit() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut workspace = Workspace::default();
-    for _ in 0..100 {
-        let Case { mlp, params, batch, .. } = Case::random(&mut rng);
+    for Case { mlp, params, batch, .. } in Case::several(&mut rng, 100) {
         let outputs = mlp.forward(&params, batch.all(), &mut workspace);
         let mut prepared = Prepared::new(&mlp, &params, batch.constant());
         for (sample, outputs) in batch.all().samples().zip(outputs.chunks(mlp.outputs())) {
             assert_eq!(prepared.forward_one(&params, sample), outputs);
         }
     }
+}
+
+#[test]
+fn an_empty_batch_has_no_outputs_and_no_gradient() {
+    let mlp = Mlp::new(&[40, 128, 256, 256, 4], Activation::Tanh, 0);
+    let params = vec![0.1; mlp.num_parameters()];
+    let batch = BitBatch::default();
+    let mut workspace = Workspace::default();
+    assert!(mlp.forward(&params, batch.all(), &mut workspace).is_empty());
+    let mut grads = vec![7.0; params.len()];
+    mlp.backward(&params, batch.all(), &[], &mut workspace, &mut grads);
+    assert!(grads.iter().all(|&g| g == 0.0));
 }
 
 #[test]
