@@ -8,25 +8,26 @@ use cpp_rl::cli::{Cli, Command, exit_code};
 use cpp_rl::messages;
 
 fn main() {
-    let code = match Cli::try_parse() {
-        Ok(cli) => {
-            messages::show(cli.verbosity());
-            match run(&cli) {
-                Ok(()) => 0,
-                Err(error) => {
-                    tracing::error!("{error:#}");
-                    exit_code(&error)
-                }
-            }
-        }
-        // Also where `--help` and `--version` end.
+    leave(match Cli::try_parse() {
+        Ok(cli) => obey(&cli),
+        // Also where `--help` and `--version` end. As when clap exits by itself: that help cannot be written is no error.
         Err(error) => {
-            // As clap does when it exits by itself: that help cannot be written is no error.
             let _ = error.print();
             error.exit_code()
         }
-    };
-    leave(code)
+    })
+}
+
+/// Runs the command and says what went wrong; the process's exit code.
+fn obey(cli: &Cli) -> i32 {
+    messages::show(cli.verbosity());
+    match run(cli) {
+        Ok(()) => 0,
+        Err(error) => {
+            tracing::error!("{error:#}");
+            exit_code(&error)
+        }
+    }
 }
 
 /// Ends the process, with libtorch's tables of operators as they are: its static destructors would take them apart one
