@@ -4,9 +4,9 @@ use crate::activation::Differentiate;
 use crate::batch::Batch;
 use crate::buffer::{Buffer, padded};
 use crate::first_layer::WeightGradient;
-use crate::forward::Workspace;
 use crate::matmul::{Factor, Matmul};
 use crate::mlp::Mlp;
+use crate::workspace::Workspace;
 
 impl Mlp {
     /// The gradient of the loss with respect to this network's parameters, written over

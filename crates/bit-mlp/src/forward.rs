@@ -9,50 +9,7 @@ use crate::buffer::{Buffer, LINE, padded};
 use crate::first_layer::SumRows;
 use crate::matmul::{FAR, Factor, Matmul};
 use crate::mlp::{Layer, Mlp};
-
-/// Memory for [`Mlp::forward`] and [`Mlp::backward`]. It grows to the largest network and batch it
-/// has seen, and can serve any; between a forward pass and its backward pass it must serve no
-/// other.
-#[derive(Clone, Debug)]
-pub struct Workspace {
-    pub(crate) arch: Arch,
-    pub(crate) packed: Packed,
-    /// Per layer `[B, padded(outputs)]`: what leaves it, activated unless it is the last.
-    pub(crate) activations: Vec<Buffer>,
-    /// `[B, outputs]`
-    outputs: Vec<f32>,
-    /// Per layer `[B, padded(outputs)]`: the loss gradient of what the layer computes before
-    /// activation.
-    pub(crate) deltas: Vec<Buffer>,
-    /// The weight gradient of the layer at hand, `[padded(inputs), padded(outputs)]` or, where most
-    /// of that would be padding, `[outputs, padded(inputs)]`.
-    pub(crate) gradient: Buffer,
-    /// `[padded(outputs)]`: the bias gradient of the layer at hand.
-    pub(crate) bias: Buffer,
-    /// `[inputs]`: in which of 64 samples an input is active, bit by bit.
-    pub(crate) active_in: Vec<u64>,
-}
-
-impl Default for Workspace {
-    fn default() -> Self {
-        Self::with_arch(Arch::new())
-    }
-}
-
-impl Workspace {
-    pub(crate) fn with_arch(arch: Arch) -> Self {
-        Self {
-            arch,
-            packed: Packed::default(),
-            activations: Vec::new(),
-            outputs: Vec::new(),
-            deltas: Vec::new(),
-            gradient: Buffer::default(),
-            bias: Buffer::default(),
-            active_in: Vec::new(),
-        }
-    }
-}
+use crate::workspace::Workspace;
 
 /// What a forward pass needs of the parameters, apart from the weights that are read where they lie:
 /// rows padded to whole lines, so that the kernels have no tails and their loads straddle no lines.
@@ -154,9 +111,12 @@ impl Mlp {
     /// The outputs `[B, outputs]` of the network, row-major, for the samples of `batch`; `params`
     /// is the whole flat slice.
     ///
-    /// What [`backward`](Self::backward) needs stays in `workspace`.
+    /// What [`backward`](Self::backward) needs stays in `workspace`, where [`Workspace::activations`]
+    /// reads what left each layer.
     pub fn forward<'w>(&self, params: &[f32], batch: Batch<'_>, workspace: &'w mut Workspace) -> &'w [f32] {
-        let Workspace { arch, packed, activations, outputs, .. } = workspace;
+        let Workspace { arch, packed, activations, widths, outputs, .. } = workspace;
+        widths.clear();
+        widths.extend(self.layers().map(|layer| layer.outputs));
         packed.pack(*arch, self, params, batch.constant());
         packed.run(*arch, self, params, batch.samples(), activations);
         outputs.resize(batch.len() * self.outputs(), 0.0);

@@ -55,12 +55,14 @@ mod first_layer;
 mod forward;
 mod matmul;
 mod mlp;
+mod workspace;
 
 pub use activation::tanh_in_place;
 pub use adam::{AdamConfig, Decay, Decayed, GradientNorms, Moments, clip_and_adam, gradient_norms};
 pub use batch::{Batch, BitBatch};
-pub use forward::{Prepared, Workspace};
+pub use forward::Prepared;
 pub use mlp::{Activation, Layer, Mlp};
+pub use workspace::{Activations, Workspace};
 
 /// The instruction set that the kernels use on this machine: `avx512`, `avx2`, `neon` or `plain`.
 pub fn instruction_set() -> &'static str {

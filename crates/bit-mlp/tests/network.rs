@@ -142,6 +142,11 @@ fn forward_and_backward_equal_the_reference() {
         let expected: Vec<f64> =
             inputs.iter().flat_map(|x| reference_forward(mlp, &wide, x).pop().expect("outputs")).collect();
         assert_close(outputs, &expected, 2e-5);
+        for (b, x) in inputs.iter().enumerate() {
+            for (index, expected) in reference_forward(mlp, &wide, x)[1..].iter().enumerate() {
+                assert_close(workspace.activations(index).row(b), expected, 2e-5);
+            }
+        }
 
         let mut grads = vec![7.0; params.len()];
         mlp.backward(params, batch.all(), d_outputs, &mut workspace, &mut grads);
@@ -189,6 +194,28 @@ fn one_sample_equals_the_batch_bit_for_bit() {
         for (sample, outputs) in batch.all().samples().zip(outputs.chunks(mlp.outputs())) {
             assert_eq!(prepared.forward_one(&params, sample), outputs);
         }
+    }
+}
+
+#[test]
+fn activations_are_those_of_the_last_forward_pass() {
+    let mut rng = ChaCha8Rng::seed_from_u64(6);
+    let mut workspace = Workspace::default();
+    // A deeper network and a larger batch before must leave nothing behind.
+    for (sizes, samples) in [(&[30, 20, 64, 7, 3][..], 9), (&[12, 16, 5], 4), (&[12, 5], 0)] {
+        let mlp = Mlp::new(sizes, Activation::Tanh, 2);
+        let params = uniform(&mut rng, mlp.range().end, 0.5);
+        let mut batch = BitBatch::default();
+        (0..samples).for_each(|sample| batch.push_sample(&[sample, sample + 1]));
+        let outputs = mlp.forward(&params, batch.all(), &mut workspace).to_vec();
+        for (index, layer) in mlp.layers().enumerate() {
+            let activations = workspace.activations(index);
+            assert_eq!((activations.len(), activations.width()), (batch.len(), layer.outputs));
+            assert_eq!(activations.is_empty(), batch.is_empty());
+            assert!(activations.rows().enumerate().all(|(b, row)| row == activations.row(b)));
+        }
+        assert_eq!(workspace.activations(mlp.num_layers() - 1).rows().collect::<Vec<_>>().concat(), outputs);
+        assert!(std::panic::catch_unwind(|| workspace.activations(mlp.num_layers()).len()).is_err());
     }
 }
 
