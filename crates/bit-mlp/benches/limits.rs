@@ -109,12 +109,12 @@ impl Work {
     fn add_forward(&mut self, mlp: &Mlp, batch: &BitBatch) {
         let samples = batch.len() as f64;
         let active: usize = (0..batch.len()).map(|sample| batch.sample(sample).len()).sum();
-        for (index, layer) in mlp.layers().enumerate() {
+        for (index, block) in mlp.blocks().iter().enumerate() {
             if index == 0 {
-                self.sparse += ((active + batch.constant().len()) * layer.outputs) as f64;
-                self.bytes += ((active + batch.constant().len()) * layer.outputs * 4) as f64;
+                self.sparse += ((active + batch.constant().len()) * block.width) as f64;
+                self.bytes += ((active + batch.constant().len()) * block.width * 4) as f64;
             } else {
-                self.dense += 2.0 * samples * layer.weight.len() as f64;
+                self.dense += 2.0 * samples * block.weight.len() as f64;
             }
         }
     }

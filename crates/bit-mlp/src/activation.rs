@@ -2,7 +2,7 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-use crate::mlp::Activation;
+use crate::block::Activation;
 
 /// Replaces every value by its hyperbolic tangent, to within 3 units in the last place; NaN stays
 /// NaN.

@@ -34,14 +34,14 @@ impl Mlp {
         grads: &mut [f32],
     ) {
         let Workspace { arch, packed, activations, deltas, gradient, bias, active_in, .. } = workspace;
-        let last = self.num_layers() - 1;
+        let last = self.blocks().len() - 1;
         assert_eq!(d_outputs.len(), batch.len() * self.outputs(), "d_outputs is [B, outputs]");
         assert_eq!(activations[last].len(), batch.len() * padded(self.outputs()), "the forward pass had another shape");
 
-        deltas.resize_with(self.num_layers(), Buffer::default);
+        deltas.resize_with(self.blocks().len(), Buffer::default);
         deltas[last].copy_padded(d_outputs, self.outputs());
-        for (index, layer) in self.layers().enumerate().rev() {
-            let (inputs, outputs) = (padded(layer.inputs), padded(layer.outputs));
+        for (index, block) in self.blocks().iter().enumerate().rev() {
+            let (inputs, outputs) = (padded(block.inputs), padded(block.width));
             let (lower, upper) = deltas.split_at_mut(index);
             let delta = &*upper[0];
 
@@ -55,32 +55,32 @@ impl Mlp {
                 width: outputs,
                 out: bias,
             });
-            grads[layer.bias.clone()].copy_from_slice(&bias[..layer.outputs]);
+            grads[block.bias.clone()].copy_from_slice(&bias[..block.width]);
 
             let Some(lower) = lower.last_mut() else {
-                active_in.resize(layer.inputs, 0);
+                active_in.resize(block.inputs, 0);
                 arch.dispatch(WeightGradient {
                     deltas: delta,
-                    width: layer.outputs,
+                    width: block.width,
                     constant: batch.constant(),
                     shared: bias,
                     samples: batch.samples(),
                     active_in,
-                    gradient: &mut grads[layer.weight],
+                    gradient: &mut grads[block.weight.clone()],
                 });
                 continue;
             };
             let input = &*activations[index - 1];
 
             // ∂weight = xᵀ δ, or δᵀ x where most of δ is padding: the same products in the same order
-            let narrow = layer.outputs <= outputs / 2;
+            let narrow = block.width <= outputs / 2;
             let (left, left_width, right, width) =
                 if narrow { (delta, outputs, input, inputs) } else { (input, inputs, delta, outputs) };
-            let weight = &mut grads[layer.weight.clone()];
+            let weight = &mut grads[block.weight.clone()];
             // Straight to where it belongs, if that is as wide as what is computed.
-            let direct = !narrow && layer.outputs == outputs;
+            let direct = !narrow && block.width == outputs;
             if !direct {
-                gradient.resize(if narrow { layer.outputs } else { inputs } * width);
+                gradient.resize(if narrow { block.width } else { inputs } * width);
             }
             arch.dispatch(Matmul {
                 left: Factor::new(left, left_width).transposed(),
@@ -91,22 +91,22 @@ impl Mlp {
                 out: if direct { weight } else { gradient },
             });
             if narrow {
-                for (i, row) in weight.chunks_exact_mut(layer.outputs).enumerate() {
+                for (i, row) in weight.chunks_exact_mut(block.width).enumerate() {
                     for (o, element) in row.iter_mut().enumerate() {
                         *element = gradient[o * inputs + i];
                     }
                 }
             } else if !direct {
-                gradient.copy_unpadded(weight, layer.outputs);
+                gradient.copy_unpadded(weight, block.width);
             }
 
             // δ' = (δ weightᵀ) ⊙ activation'
             lower.resize(batch.len() * inputs);
             arch.dispatch(Matmul {
                 left: Factor::new(delta, outputs),
-                right: packed.weight(index, &layer, params).transposed(),
+                right: packed.weight(index, block, params).transposed(),
                 initial: None,
-                depth: layer.outputs,
+                depth: block.width,
                 width: inputs,
                 out: lower,
             });

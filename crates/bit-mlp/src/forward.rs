@@ -5,10 +5,11 @@ use pulp::Arch;
 
 use crate::activation::Activate;
 use crate::batch::Batch;
+use crate::block::Block;
 use crate::buffer::{Buffer, LINE, padded};
 use crate::first_layer::SumRows;
 use crate::matmul::{FAR, Factor, Matmul};
-use crate::mlp::{Layer, Mlp};
+use crate::mlp::Mlp;
 use crate::workspace::Workspace;
 
 /// What a forward pass needs of the parameters, apart from the weights that are read where they lie:
@@ -26,41 +27,41 @@ pub(crate) struct Packed {
 
 /// Whether a dense layer's weight is read where it lies: if it needs no padding, and products with a
 /// batch pack it for the cache anyway. Those with one sample wait for the memory, aligned or not.
-fn reads_in_place(layer: &Layer) -> bool {
-    layer.outputs >= FAR && [layer.inputs, layer.outputs].iter().all(|size| size.is_multiple_of(LINE))
+fn reads_in_place(block: &Block) -> bool {
+    block.width >= FAR && [block.inputs, block.width].iter().all(|size| size.is_multiple_of(LINE))
 }
 
 impl Packed {
     fn pack(&mut self, arch: Arch, mlp: &Mlp, params: &[f32], constant: &[u16]) {
-        self.biases.resize_with(mlp.num_layers(), Buffer::default);
-        self.weights.resize_with(mlp.num_layers(), Buffer::default);
-        for (index, layer) in mlp.layers().enumerate() {
-            let in_place = reads_in_place(&layer);
-            self.biases[index].copy_padded(&params[layer.bias], layer.outputs);
+        self.biases.resize_with(mlp.blocks().len(), Buffer::default);
+        self.weights.resize_with(mlp.blocks().len(), Buffer::default);
+        for (index, block) in mlp.blocks().iter().enumerate() {
+            let in_place = reads_in_place(block);
+            self.biases[index].copy_padded(&params[block.bias.clone()], block.width);
             if index == 0 {
                 // The constant inputs are one sample, whose sum starts from the bias.
-                self.constant_sum.resize(padded(layer.outputs));
+                self.constant_sum.resize(padded(block.width));
                 arch.dispatch(SumRows {
-                    weight: &params[layer.weight],
-                    width: layer.outputs,
+                    weight: &params[block.weight.clone()],
+                    width: block.width,
                     initial: &self.biases[0],
                     samples: std::iter::once(constant),
                     out: &mut self.constant_sum,
                 });
             } else if !in_place {
                 let weight = &mut self.weights[index];
-                weight.copy_padded(&params[layer.weight], layer.outputs);
-                weight.resize(padded(layer.inputs) * padded(layer.outputs));
+                weight.copy_padded(&params[block.weight.clone()], block.width);
+                weight.resize(padded(block.inputs) * padded(block.width));
             }
         }
     }
 
     /// The weight of a layer but the first, with rows padded to whole lines.
-    pub(crate) fn weight<'a>(&'a self, index: usize, layer: &Layer, params: &'a [f32]) -> Factor<'a> {
-        if reads_in_place(layer) {
-            Factor::new(&params[layer.weight.clone()], layer.outputs)
+    pub(crate) fn weight<'a>(&'a self, index: usize, block: &Block, params: &'a [f32]) -> Factor<'a> {
+        if reads_in_place(block) {
+            Factor::new(&params[block.weight.clone()], block.width)
         } else {
-            Factor::new(&self.weights[index], padded(layer.outputs))
+            Factor::new(&self.weights[index], padded(block.width))
         }
     }
 
@@ -76,32 +77,32 @@ impl Packed {
         samples: impl ExactSizeIterator<Item = &'a [u16]> + Clone,
         activations: &mut Vec<Buffer>,
     ) {
-        activations.resize_with(mlp.num_layers(), Buffer::default);
-        for (index, layer) in mlp.layers().enumerate() {
+        activations.resize_with(mlp.blocks().len(), Buffer::default);
+        for (index, block) in mlp.blocks().iter().enumerate() {
             let (before, after) = activations.split_at_mut(index);
             let out = &mut after[0];
-            let width = padded(layer.outputs);
+            let width = padded(block.width);
             out.resize(samples.len() * width);
             if let Some(input) = before.last() {
                 arch.dispatch(Matmul {
-                    left: Factor::new(input, padded(layer.inputs)),
-                    right: self.weight(index, &layer, params),
+                    left: Factor::new(input, padded(block.inputs)),
+                    right: self.weight(index, block, params),
                     initial: Some(&self.biases[index]),
-                    depth: layer.inputs,
+                    depth: block.inputs,
                     width,
                     out,
                 });
             } else {
                 arch.dispatch(SumRows {
-                    weight: &params[layer.weight],
-                    width: layer.outputs,
+                    weight: &params[block.weight.clone()],
+                    width: block.width,
                     initial: &self.constant_sum,
                     samples: samples.clone(),
                     out,
                 });
             }
-            if index + 1 < mlp.num_layers() {
-                arch.dispatch(Activate { activation: mlp.activation(), values: out });
+            if let Some(activation) = block.activation {
+                arch.dispatch(Activate { activation, values: out });
             }
         }
     }
@@ -116,11 +117,11 @@ impl Mlp {
     pub fn forward<'w>(&self, params: &[f32], batch: Batch<'_>, workspace: &'w mut Workspace) -> &'w [f32] {
         let Workspace { arch, packed, activations, widths, outputs, .. } = workspace;
         widths.clear();
-        widths.extend(self.layers().map(|layer| layer.outputs));
+        widths.extend(self.blocks().iter().map(Block::outputs));
         packed.pack(*arch, self, params, batch.constant());
         packed.run(*arch, self, params, batch.samples(), activations);
         outputs.resize(batch.len() * self.outputs(), 0.0);
-        activations[self.num_layers() - 1].copy_unpadded(outputs, self.outputs());
+        activations[self.blocks().len() - 1].copy_unpadded(outputs, self.outputs());
         outputs
     }
 }
@@ -163,7 +164,7 @@ impl Prepared {
     /// and of wide ones are read from them, the rest from the preparation.
     pub fn forward_one(&mut self, params: &[f32], active: &[u16]) -> &[f32] {
         self.packed.run(self.arch, &self.mlp, params, std::iter::once(active), &mut self.activations);
-        &self.activations[self.mlp.num_layers() - 1][..self.mlp.outputs()]
+        &self.activations[self.mlp.blocks().len() - 1][..self.mlp.outputs()]
     }
 }
 
@@ -171,7 +172,7 @@ impl Prepared {
 mod tests {
     use super::*;
     use crate::batch::BitBatch;
-    use crate::mlp::Activation;
+    use crate::block::Activation;
 
     /// Plain code, every instruction set of this machine that has kernels, and the one that is
     /// chosen.

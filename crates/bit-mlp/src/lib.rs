@@ -8,8 +8,8 @@
 //!
 //! # Parameters
 //! The parameters of all networks of one agent lie in **one flat slice** of `f32` that the caller
-//! owns; an [`Mlp`] says where its own are. Layer by layer: weight `[inputs, outputs]` row-major,
-//! so that the weights leaving one input are contiguous, then bias `[outputs]`. Gradients and
+//! owns; an [`Mlp`] says where its own are. Layer by layer: weight `[inputs, width]` row-major, so
+//! that the weights leaving one input are contiguous, then bias `[width]` ([`Block`]). Gradients and
 //! Adam's moments are flat slices of the same length.
 //!
 //! # A gradient step
@@ -50,6 +50,7 @@ mod activation;
 mod adam;
 mod backward;
 mod batch;
+mod block;
 mod buffer;
 mod first_layer;
 mod forward;
@@ -60,8 +61,9 @@ mod workspace;
 pub use activation::tanh_in_place;
 pub use adam::{AdamConfig, Decay, Decayed, GradientNorms, Moments, clip_and_adam, gradient_norms};
 pub use batch::{Batch, BitBatch};
+pub use block::{Activation, Block, Place, Shape};
 pub use forward::Prepared;
-pub use mlp::{Activation, Layer, Mlp};
+pub use mlp::Mlp;
 pub use workspace::{Activations, Workspace};
 
 /// The instruction set that the kernels use on this machine: `avx512`, `avx2`, `neon` or `plain`.

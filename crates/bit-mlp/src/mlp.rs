@@ -1,100 +1,76 @@
-//! The shape of a network and its place in the flat parameters.
+//! A network and its place in the flat parameters.
 
 use std::ops::Range;
 
-/// What follows every hidden layer. The last layer has none.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Activation {
-    /// Hyperbolic tangent, as Stable-Baselines3's PPO.
-    Tanh,
-    /// `max(x, 0)`, as Stable-Baselines3's DQN. Its derivative at 0 is taken as 0.
-    Relu,
-}
+use crate::block::{Activation, Block, Shape};
 
-/// One multilayer perceptron: its sizes and where its parameters lie in the flat slice.
+/// One multilayer perceptron: its blocks, which say where its parameters lie in the flat slice.
 ///
 /// This is a description and holds no numbers; several networks (policy and value, or online and
 /// target) can describe parts of one slice, or the same parts of two slices.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mlp {
-    sizes: Vec<usize>,
+    blocks: Vec<Block>,
     activation: Activation,
-    offset: usize,
-}
-
-/// One affine layer, `y = x · weight + bias`, and where its parameters lie in the flat slice.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Layer {
-    /// Number of inputs.
-    pub inputs: usize,
-    /// Number of outputs.
-    pub outputs: usize,
-    /// Where the weight `[inputs, outputs]` lies, row-major.
-    pub weight: Range<usize>,
-    /// Where the bias `[outputs]` lies.
-    pub bias: Range<usize>,
 }
 
 impl Mlp {
-    /// A network of `sizes` `[inputs, hidden…, outputs]` whose first parameter is `params[offset]`.
+    /// A plain network of `sizes` `[inputs, hidden…, outputs]` whose first parameter is
+    /// `params[offset]`: the [`Shape`] of these sizes.
+    ///
+    /// # Panics
+    /// If there are fewer than two sizes, and as [`from_shape`](Self::from_shape).
+    pub fn new(sizes: &[usize], activation: Activation, offset: usize) -> Self {
+        let [inputs, hidden @ .., outputs] = sizes else {
+            panic!("an MLP has at least inputs and outputs, got sizes {sizes:?}")
+        };
+        let shape = Shape { inputs: *inputs, hidden, outputs: *outputs, activation };
+        Self::from_shape(shape, offset)
+    }
+
+    /// A network of this shape whose first parameter is `params[offset]`.
     ///
     /// An offset that is a multiple of 16 keeps the rows of a 64-wide first layer on cache lines if
     /// the slice itself begins on one, which makes a gradient step about 2% faster.
     ///
     /// # Panics
-    /// If there are fewer than two sizes, a size is 0, or there are more inputs than a `u16` can
-    /// index.
-    pub fn new(sizes: &[usize], activation: Activation, offset: usize) -> Self {
-        assert!(sizes.len() >= 2, "an MLP has at least inputs and outputs, got sizes {sizes:?}");
-        assert!(sizes.iter().all(|&size| size > 0), "every layer of an MLP has a width, got sizes {sizes:?}");
-        assert!(sizes[0] <= 1 << 16, "inputs are indexed by u16, got {} of them", sizes[0]);
-        Self { sizes: sizes.to_vec(), activation, offset }
+    /// If a size is 0, there are more inputs than a `u16` can index, or more parameters than a slice
+    /// can have.
+    pub fn from_shape(shape: Shape<'_>, offset: usize) -> Self {
+        assert!(shape.inputs > 0 && shape.widths().all(|width| width > 0), "every size must be at least 1: {shape:?}");
+        assert!(shape.inputs <= 1 << 16, "inputs are indexed by u16, got {} of them", shape.inputs);
+        Self { blocks: shape.blocks(offset), activation: shape.activation }
     }
 
     /// Number of inputs.
     pub fn inputs(&self) -> usize {
-        self.sizes[0]
+        self.blocks[0].inputs
     }
 
     /// Number of outputs.
     pub fn outputs(&self) -> usize {
-        self.sizes[self.sizes.len() - 1]
+        self.blocks[self.blocks.len() - 1].width
     }
 
-    /// What follows every hidden layer.
+    /// What follows the sums of every hidden layer.
     pub fn activation(&self) -> Activation {
         self.activation
     }
 
     /// Number of parameters.
     pub fn num_parameters(&self) -> usize {
-        count_parameters(&self.sizes)
+        self.range().len()
     }
 
     /// Where the parameters lie in the flat slice.
     pub fn range(&self) -> Range<usize> {
-        self.offset..self.offset + self.num_parameters()
+        self.blocks[0].range().start..self.blocks[self.blocks.len() - 1].range().end
     }
 
-    /// Number of layers with parameters; the hidden layers are all but the last.
-    pub fn num_layers(&self) -> usize {
-        self.sizes.len() - 1
+    /// The layers, from the inputs to the outputs; the hidden ones are all but the last.
+    pub fn blocks(&self) -> &[Block] {
+        &self.blocks
     }
-
-    /// The layers, from the inputs to the outputs.
-    pub fn layers(&self) -> impl DoubleEndedIterator<Item = Layer> + ExactSizeIterator {
-        (0..self.num_layers()).map(|index| {
-            let (inputs, outputs) = (self.sizes[index], self.sizes[index + 1]);
-            let weight = self.offset + count_parameters(&self.sizes[..=index]);
-            let bias = weight + inputs * outputs;
-            Layer { inputs, outputs, weight: weight..bias, bias: bias..bias + outputs }
-        })
-    }
-}
-
-/// Number of parameters of the layers between these sizes.
-fn count_parameters(sizes: &[usize]) -> usize {
-    sizes.windows(2).map(|pair| pair[0] * pair[1] + pair[1]).sum()
 }
 
 #[cfg(test)]
@@ -102,16 +78,29 @@ mod tests {
     use super::*;
 
     #[test]
-    fn layers_tile_the_parameters() {
-        let mlp = Mlp::new(&[256, 64, 64, 4], Activation::Tanh, 10);
-        assert_eq!(mlp.num_parameters(), 256 * 64 + 64 + 64 * 64 + 64 + 64 * 4 + 4);
-        let mut next = 10;
-        for layer in mlp.layers() {
-            assert_eq!(layer.weight.start, next);
-            assert_eq!(layer.weight.len(), layer.inputs * layer.outputs);
-            assert_eq!(layer.bias, layer.weight.end..layer.weight.end + layer.outputs);
-            next = layer.bias.end;
+    fn blocks_tile_the_parameters() {
+        let shape = Shape { inputs: 256, hidden: &[64, 48], outputs: 4, activation: Activation::Tanh };
+        let mlp = Mlp::from_shape(shape, 10);
+        assert_eq!(mlp.num_parameters() as u64, shape.num_parameters());
+        let (mut inputs, mut next) = (256, 10);
+        for block in mlp.blocks() {
+            assert_eq!((block.inputs, block.range().start), (inputs, next));
+            for place in block.places() {
+                assert_eq!(place.range.start, next, "{place:?}");
+                assert_eq!(place.range.len(), place.shape.iter().product::<usize>(), "{place:?}");
+                next = place.range.end;
+            }
+            assert_eq!(block.range().end, next);
+            inputs = block.outputs();
         }
         assert_eq!(mlp.range(), 10..next);
+        assert_eq!(mlp, Mlp::new(&[256, 64, 48, 4], Activation::Tanh, 10));
+    }
+
+    #[test]
+    fn counting_saturates() {
+        let shape = Shape { inputs: 256, hidden: &[usize::MAX, 3], outputs: 4, activation: Activation::Relu };
+        assert_eq!(shape.num_parameters(), u64::MAX);
+        assert!(std::panic::catch_unwind(|| Mlp::from_shape(shape, 0)).is_err());
     }
 }

@@ -74,16 +74,16 @@ fn widen(values: &[f32]) -> Vec<f64> {
 /// What enters each layer for one input, and last the outputs.
 fn reference_forward(mlp: &Mlp, params: &[f64], input: &[f64]) -> Vec<Vec<f64>> {
     let mut values = vec![input.to_vec()];
-    for (index, layer) in mlp.layers().enumerate() {
+    for (index, block) in mlp.blocks().iter().enumerate() {
         let x = &values[index];
-        let weight = &params[layer.weight];
-        let mut y = params[layer.bias].to_vec();
+        let weight = &params[block.weight.clone()];
+        let mut y = params[block.bias.clone()].to_vec();
         for (i, x) in x.iter().enumerate() {
             for (o, y) in y.iter_mut().enumerate() {
-                *y += x * weight[i * layer.outputs + o];
+                *y += x * weight[i * block.width + o];
             }
         }
-        if index + 1 < mlp.num_layers() {
+        if index + 1 < mlp.blocks().len() {
             y.iter_mut().for_each(|y| match mlp.activation() {
                 Activation::Tanh => *y = y.tanh(),
                 Activation::Relu => *y = y.max(0.0),
@@ -98,16 +98,15 @@ fn reference_forward(mlp: &Mlp, params: &[f64], input: &[f64]) -> Vec<Vec<f64>> 
 fn reference_backward(mlp: &Mlp, params: &[f64], input: &[f64], d_output: &[f64], grads: &mut [f64]) {
     let values = reference_forward(mlp, params, input);
     let mut delta = d_output.to_vec();
-    let layers: Vec<_> = mlp.layers().collect();
-    for (index, layer) in layers.iter().enumerate().rev() {
+    for (index, block) in mlp.blocks().iter().enumerate().rev() {
         let x = &values[index];
-        let weight = &params[layer.weight.clone()];
-        let mut below = vec![0.0; layer.inputs];
-        for o in 0..layer.outputs {
-            grads[layer.bias.start + o] += delta[o];
-            for i in 0..layer.inputs {
-                grads[layer.weight.start + i * layer.outputs + o] += x[i] * delta[o];
-                below[i] += delta[o] * weight[i * layer.outputs + o];
+        let weight = &params[block.weight.clone()];
+        let mut below = vec![0.0; block.inputs];
+        for o in 0..block.width {
+            grads[block.bias.start + o] += delta[o];
+            for i in 0..block.inputs {
+                grads[block.weight.start + i * block.width + o] += x[i] * delta[o];
+                below[i] += delta[o] * weight[i * block.width + o];
             }
         }
         for (below, x) in below.iter_mut().zip(x) {
@@ -208,14 +207,14 @@ fn activations_are_those_of_the_last_forward_pass() {
         let mut batch = BitBatch::default();
         (0..samples).for_each(|sample| batch.push_sample(&[sample, sample + 1]));
         let outputs = mlp.forward(&params, batch.all(), &mut workspace).to_vec();
-        for (index, layer) in mlp.layers().enumerate() {
+        for (index, block) in mlp.blocks().iter().enumerate() {
             let activations = workspace.activations(index);
-            assert_eq!((activations.len(), activations.width()), (batch.len(), layer.outputs));
+            assert_eq!((activations.len(), activations.width()), (batch.len(), block.outputs()));
             assert_eq!(activations.is_empty(), batch.is_empty());
             assert!(activations.rows().enumerate().all(|(b, row)| row == activations.row(b)));
         }
-        assert_eq!(workspace.activations(mlp.num_layers() - 1).rows().collect::<Vec<_>>().concat(), outputs);
-        assert!(std::panic::catch_unwind(|| workspace.activations(mlp.num_layers()).len()).is_err());
+        assert_eq!(workspace.activations(mlp.blocks().len() - 1).rows().collect::<Vec<_>>().concat(), outputs);
+        assert!(std::panic::catch_unwind(|| workspace.activations(mlp.blocks().len()).len()).is_err());
     }
 }
 
