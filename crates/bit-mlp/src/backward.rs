@@ -6,7 +6,8 @@ use crate::buffer::{Buffer, padded};
 use crate::first_layer::WeightGradient;
 use crate::matmul::{Factor, Matmul};
 use crate::mlp::Mlp;
-use crate::workspace::Workspace;
+use crate::norm::NormGradient;
+use crate::workspace::{Trace, Workspace};
 
 impl Mlp {
     /// The gradient of the loss with respect to this network's parameters, written over
@@ -17,9 +18,9 @@ impl Mlp {
     /// `workspace`. `grads` is flat like the parameters, and nothing of it outside of the network's
     /// range is touched.
     ///
-    /// With `x` what enters a layer, `δ` the gradient at what it computes before activation, and
-    /// `b` the samples: `∂bias = Σ_b δ_b`, `∂weight = xᵀ δ`, and one layer down `δ' = (δ weightᵀ) ⊙
-    /// activation'`. In the first layer `x` is bits: `δ_b` is added to the rows of sample `b`'s
+    /// With `x` what enters a layer, `δ` the gradient at its sums, and `b` the samples: `∂bias = Σ_b
+    /// δ_b`, `∂weight = xᵀ δ`, and one layer down `δ' = (δ weightᵀ) ⊙ activation'`, taken further
+    /// through a normalisation. In the first layer `x` is bits: `δ_b` is added to the rows of sample `b`'s
     /// active inputs, and the rows of the constant inputs all equal `∂bias`.
     ///
     /// # Panics
@@ -33,7 +34,8 @@ impl Mlp {
         workspace: &mut Workspace,
         grads: &mut [f32],
     ) {
-        let Workspace { arch, packed, activations, deltas, gradient, bias, active_in, .. } = workspace;
+        let Workspace { arch, packed, trace, deltas, gradient, bias, active_in, .. } = workspace;
+        let Trace { activations, normalised, inverse } = trace;
         let last = self.blocks().len() - 1;
         assert_eq!(d_outputs.len(), batch.len() * self.outputs(), "d_outputs is [B, outputs]");
         assert_eq!(activations[last].len(), batch.len() * padded(self.outputs()), "the forward pass had another shape");
@@ -41,18 +43,18 @@ impl Mlp {
         deltas.resize_with(self.blocks().len(), Buffer::default);
         deltas[last].copy_padded(d_outputs, self.outputs());
         for (index, block) in self.blocks().iter().enumerate().rev() {
-            let (inputs, outputs) = (padded(block.inputs), padded(block.width));
+            let (inputs, width) = (padded(block.inputs), padded(block.width));
             let (lower, upper) = deltas.split_at_mut(index);
             let delta = &*upper[0];
 
             // ∂bias = Σ_b δ_b
-            bias.resize(outputs);
+            bias.resize(width);
             arch.dispatch(Matmul {
                 left: Factor::ones(),
-                right: Factor::new(delta, outputs),
+                right: Factor::new(delta, width),
                 initial: None,
                 depth: batch.len(),
-                width: outputs,
+                width,
                 out: bias,
             });
             grads[block.bias.clone()].copy_from_slice(&bias[..block.width]);
@@ -73,21 +75,21 @@ impl Mlp {
             let input = &*activations[index - 1];
 
             // ∂weight = xᵀ δ, or δᵀ x where most of δ is padding: the same products in the same order
-            let narrow = block.width <= outputs / 2;
-            let (left, left_width, right, width) =
-                if narrow { (delta, outputs, input, inputs) } else { (input, inputs, delta, outputs) };
+            let narrow = block.width <= width / 2;
+            let (left, left_width, right, right_width) =
+                if narrow { (delta, width, input, inputs) } else { (input, inputs, delta, width) };
             let weight = &mut grads[block.weight.clone()];
             // Straight to where it belongs, if that is as wide as what is computed.
-            let direct = !narrow && block.width == outputs;
+            let direct = !narrow && block.width == width;
             if !direct {
-                gradient.resize(if narrow { block.width } else { inputs } * width);
+                gradient.resize(if narrow { block.width } else { inputs } * right_width);
             }
             arch.dispatch(Matmul {
                 left: Factor::new(left, left_width).transposed(),
-                right: Factor::new(right, width),
+                right: Factor::new(right, right_width),
                 initial: None,
                 depth: batch.len(),
-                width,
+                width: right_width,
                 out: if direct { weight } else { gradient },
             });
             if narrow {
@@ -103,7 +105,7 @@ impl Mlp {
             // δ' = (δ weightᵀ) ⊙ activation'
             lower.resize(batch.len() * inputs);
             arch.dispatch(Matmul {
-                left: Factor::new(delta, outputs),
+                left: Factor::new(delta, width),
                 right: packed.weight(index, block, params).transposed(),
                 initial: None,
                 depth: block.width,
@@ -111,6 +113,18 @@ impl Mlp {
                 out: lower,
             });
             arch.dispatch(Differentiate { activation: self.activation(), activated: input, gradients: lower });
+            let below = index - 1;
+            if let Some(norm) = &self.blocks()[below].norm {
+                let (d_scale, d_shift) = grads[norm.scale.start..norm.shift.end].split_at_mut(norm.scale.len());
+                arch.dispatch(NormGradient {
+                    scale: &params[norm.scale.clone()],
+                    normalised: &normalised[below],
+                    inverse: &inverse[below],
+                    gradients: lower,
+                    d_scale,
+                    d_shift,
+                });
+            }
         }
     }
 }

@@ -11,7 +11,7 @@ pub enum Activation {
     Relu,
 }
 
-/// A layer and where its parameters lie in the flat slice: `y = activation(x · weight + bias)`.
+/// A layer and where its parameters lie in the flat slice: `y = activation(norm(x · weight + bias))`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Block {
     /// Number of inputs.
@@ -22,14 +22,33 @@ pub struct Block {
     pub weight: Range<usize>,
     /// Where the bias `[width]` lies.
     pub bias: Range<usize>,
-    /// What follows the sums; `None` in the last layer.
+    /// What normalises the sums, if anything does; never in the last layer.
+    pub norm: Option<Norm>,
+    /// What comes after that; `None` in the last layer.
     pub activation: Option<Activation>,
+}
+
+/// A layer normalisation, and where its parameters lie in the flat slice.
+///
+/// The sums of a sample are brought to mean 0 and variance 1 over the units, as by PyTorch's
+/// `nn.LayerNorm`: `(sum − mean) / √(variance + ε) · scale + shift`, with the biased variance.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Norm {
+    /// Where the scale `[width]` lies; it is 1 at first.
+    pub scale: Range<usize>,
+    /// Where the shift `[width]` lies; it is 0 at first.
+    pub shift: Range<usize>,
+}
+
+impl Norm {
+    /// ε.
+    pub const EPSILON: f32 = 1e-5;
 }
 
 /// A tensor of a block and where it lies in the flat slice.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Place {
-    /// `weight` or `bias`.
+    /// `weight`, `bias`, `scale` or `shift`.
     pub name: &'static str,
     /// Its shape, row-major.
     pub shape: Vec<usize>,
@@ -39,14 +58,16 @@ pub struct Place {
 
 impl Block {
     /// A block whose first parameter is `params[offset]`.
-    fn new(inputs: usize, width: usize, activation: Option<Activation>, offset: usize) -> Self {
+    fn new(inputs: usize, width: usize, layer_norm: bool, activation: Option<Activation>, offset: usize) -> Self {
         let mut end = offset;
         let mut next = |len: usize| {
             let start = end;
             end += len;
             start..end
         };
-        Self { inputs, width, weight: next(inputs * width), bias: next(width), activation }
+        let (weight, bias) = (next(inputs * width), next(width));
+        let norm = layer_norm.then(|| Norm { scale: next(width), shift: next(width) });
+        Self { inputs, width, weight, bias, norm, activation }
     }
 
     /// Number of values that leave the block for each sample.
@@ -56,15 +77,18 @@ impl Block {
 
     /// The block's tensors in the order in which they lie, one after the other.
     pub fn places(&self) -> Vec<Place> {
-        vec![
-            Place { name: "weight", shape: vec![self.inputs, self.width], range: self.weight.clone() },
-            Place { name: "bias", shape: vec![self.width], range: self.bias.clone() },
-        ]
+        let vector = |name, range: &Range<usize>| Place { name, shape: vec![self.width], range: range.clone() };
+        let weight = Place { name: "weight", shape: vec![self.inputs, self.width], range: self.weight.clone() };
+        let mut places = vec![weight, vector("bias", &self.bias)];
+        if let Some(Norm { scale, shift }) = &self.norm {
+            places.extend([vector("scale", scale), vector("shift", shift)]);
+        }
+        places
     }
 
     /// Where all parameters of the block lie.
     pub fn range(&self) -> Range<usize> {
-        self.weight.start..self.bias.end
+        self.weight.start..self.norm.as_ref().map_or(self.bias.end, |norm| norm.shift.end)
     }
 }
 
@@ -73,7 +97,8 @@ impl Block {
 /// ```
 /// use bit_mlp::{Activation, Shape};
 ///
-/// let shape = Shape { inputs: 256, hidden: &[64, 64], outputs: 4, activation: Activation::Tanh };
+/// let activation = Activation::Tanh;
+/// let shape = Shape { inputs: 256, hidden: &[64, 64], outputs: 4, activation, layer_norm: false };
 /// assert_eq!(shape.num_parameters(), (256 + 1) * 64 + (64 + 1) * 64 + (64 + 1) * 4);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -86,6 +111,8 @@ pub struct Shape<'a> {
     pub outputs: usize,
     /// What follows the sums of every hidden layer.
     pub activation: Activation,
+    /// Whether the sums of every hidden layer are normalised.
+    pub layer_norm: bool,
 }
 
 impl Shape<'_> {
@@ -93,12 +120,13 @@ impl Shape<'_> {
     pub fn num_parameters(&self) -> u64 {
         let mut inputs = self.inputs as u64;
         let mut sum = 0_u64;
-        for width in self.widths() {
+        for &width in self.hidden {
             let width = width as u64;
-            sum = sum.saturating_add(inputs.saturating_add(1).saturating_mul(width));
+            let vectors = if self.layer_norm { 3 } else { 1 }; // bias, scale, shift
+            sum = sum.saturating_add(inputs.saturating_add(vectors).saturating_mul(width));
             inputs = width;
         }
-        sum
+        sum.saturating_add(inputs.saturating_add(1).saturating_mul(self.outputs as u64))
     }
 
     /// The blocks of a network whose first parameter is `params[offset]`, from the inputs to the
@@ -111,8 +139,9 @@ impl Shape<'_> {
         assert!(end.is_some_and(|end| end <= isize::MAX as usize), "{self:?} has too many parameters");
         let (mut inputs, mut offset) = (self.inputs, offset);
         let block = |(index, width)| {
-            let activation = (index < self.hidden.len()).then_some(self.activation);
-            let block = Block::new(inputs, width, activation, offset);
+            let hidden = index < self.hidden.len();
+            let activation = hidden.then_some(self.activation);
+            let block = Block::new(inputs, width, hidden && self.layer_norm, activation, offset);
             (inputs, offset) = (block.outputs(), block.range().end);
             block
         };

@@ -10,17 +10,18 @@ use crate::buffer::{Buffer, LINE, padded};
 use crate::first_layer::SumRows;
 use crate::matmul::{FAR, Factor, Matmul};
 use crate::mlp::Mlp;
-use crate::workspace::Workspace;
+use crate::norm::Normalise;
+use crate::workspace::{Trace, Workspace};
 
 /// What a forward pass needs of the parameters, apart from the weights that are read where they lie:
 /// rows padded to whole lines, so that the kernels have no tails and their loads straddle no lines.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Packed {
-    /// `[padded(outputs)]` of the first layer: its bias plus the weights of the constant inputs.
+    /// `[padded(width)]` of the first layer: its bias plus the weights of the constant inputs.
     constant_sum: Buffer,
-    /// Per layer `[padded(outputs)]`.
+    /// Per layer `[padded(width)]`.
     biases: Vec<Buffer>,
-    /// Per layer `[padded(inputs), padded(outputs)]`; nothing for the first, and where
+    /// Per layer `[padded(inputs), padded(width)]`; nothing for the first, and where
     /// [`reads_in_place`].
     weights: Vec<Buffer>,
 }
@@ -65,8 +66,7 @@ impl Packed {
         }
     }
 
-    /// Runs the network on `samples`, `B` of them; `activations` become per layer `[B,
-    /// padded(outputs)]`.
+    /// Runs the network on `samples`, `B` of them, and leaves in `trace` what every layer computed.
     ///
     /// Both ways to an output end here, which is why they agree bit for bit.
     fn run<'a>(
@@ -75,14 +75,18 @@ impl Packed {
         mlp: &Mlp,
         params: &[f32],
         samples: impl ExactSizeIterator<Item = &'a [u16]> + Clone,
-        activations: &mut Vec<Buffer>,
+        trace: &mut Trace,
     ) {
-        activations.resize_with(mlp.blocks().len(), Buffer::default);
+        trace.resize(mlp.blocks().len());
+        let Trace { activations, normalised, inverse } = trace;
         for (index, block) in mlp.blocks().iter().enumerate() {
             let (before, after) = activations.split_at_mut(index);
-            let out = &mut after[0];
+            let leaving = &mut after[0];
             let width = padded(block.width);
-            out.resize(samples.len() * width);
+            let len = samples.len() * width;
+            // Straight to where they leave the layer, if nothing needs to be kept before.
+            let out = if block.norm.is_some() { &mut normalised[index] } else { &mut *leaving };
+            out.resize(len);
             if let Some(input) = before.last() {
                 arch.dispatch(Matmul {
                     left: Factor::new(input, padded(block.inputs)),
@@ -101,8 +105,19 @@ impl Packed {
                     out,
                 });
             }
+            if let Some(norm) = &block.norm {
+                leaving.resize(len);
+                inverse[index].resize(samples.len(), 0.0);
+                arch.dispatch(Normalise {
+                    scale: &params[norm.scale.clone()],
+                    shift: &params[norm.shift.clone()],
+                    values: &mut normalised[index],
+                    inverse: &mut inverse[index],
+                    out: leaving,
+                });
+            }
             if let Some(activation) = block.activation {
-                arch.dispatch(Activate { activation, values: out });
+                arch.dispatch(Activate { activation, values: leaving });
             }
         }
     }
@@ -115,13 +130,13 @@ impl Mlp {
     /// What [`backward`](Self::backward) needs stays in `workspace`, where [`Workspace::activations`]
     /// reads what left each layer.
     pub fn forward<'w>(&self, params: &[f32], batch: Batch<'_>, workspace: &'w mut Workspace) -> &'w [f32] {
-        let Workspace { arch, packed, activations, widths, outputs, .. } = workspace;
+        let Workspace { arch, packed, trace, widths, outputs, .. } = workspace;
         widths.clear();
         widths.extend(self.blocks().iter().map(Block::outputs));
         packed.pack(*arch, self, params, batch.constant());
-        packed.run(*arch, self, params, batch.samples(), activations);
+        packed.run(*arch, self, params, batch.samples(), trace);
         outputs.resize(batch.len() * self.outputs(), 0.0);
-        activations[self.blocks().len() - 1].copy_unpadded(outputs, self.outputs());
+        trace.activations[self.blocks().len() - 1].copy_unpadded(outputs, self.outputs());
         outputs
     }
 }
@@ -137,7 +152,7 @@ pub struct Prepared {
     mlp: Mlp,
     arch: Arch,
     packed: Packed,
-    activations: Vec<Buffer>,
+    trace: Trace,
 }
 
 impl Prepared {
@@ -147,7 +162,7 @@ impl Prepared {
     }
 
     fn with_arch(arch: Arch, mlp: &Mlp, params: &[f32], constant: &[u16]) -> Self {
-        let mut prepared = Self { mlp: mlp.clone(), arch, packed: Packed::default(), activations: Vec::new() };
+        let mut prepared = Self { mlp: mlp.clone(), arch, packed: Packed::default(), trace: Trace::default() };
         prepared.refresh(params, constant);
         prepared
     }
@@ -163,8 +178,8 @@ impl Prepared {
     /// `params` must be those of the last [`refresh`](Self::refresh): the weights of the first layer
     /// and of wide ones are read from them, the rest from the preparation.
     pub fn forward_one(&mut self, params: &[f32], active: &[u16]) -> &[f32] {
-        self.packed.run(self.arch, &self.mlp, params, std::iter::once(active), &mut self.activations);
-        &self.activations[self.mlp.blocks().len() - 1][..self.mlp.outputs()]
+        self.packed.run(self.arch, &self.mlp, params, std::iter::once(active), &mut self.trace);
+        &self.trace.activations[self.mlp.blocks().len() - 1][..self.mlp.outputs()]
     }
 }
 
@@ -172,7 +187,7 @@ impl Prepared {
 mod tests {
     use super::*;
     use crate::batch::BitBatch;
-    use crate::block::Activation;
+    use crate::block::{Activation, Shape};
 
     /// Plain code, every instruction set of this machine that has kernels, and the one that is
     /// chosen.
@@ -185,12 +200,17 @@ mod tests {
 
     #[test]
     fn instruction_sets_agree() {
-        let narrow: (&[usize], f32) = (&[40, 37, 64, 5], 0.3);
-        // Products in several blocks, packed, read in place, and with a gradient that goes straight to its place.
-        let wide: (&[usize], f32) = (&[40, 37, 272, 256, 5], 0.1);
-        let cases = [Activation::Tanh, Activation::Relu].map(|activation| [(narrow, activation), (wide, activation)]);
-        for ((sizes, scale), activation) in cases.into_iter().flatten() {
-            let mlp = Mlp::new(sizes, activation, 3);
+        // The wide one has products in several blocks, packed, read in place, and with a gradient that goes straight
+        // to its place.
+        let shapes = [(&[37, 64][..], 0.3), (&[37, 272, 256], 0.1)].into_iter().flat_map(|(hidden, scale)| {
+            let all = [Activation::Tanh, Activation::Relu].map(|activation| {
+                [false, true]
+                    .map(|layer_norm| (Shape { inputs: 40, hidden, outputs: 5, activation, layer_norm }, scale))
+            });
+            all.into_iter().flatten()
+        });
+        for (shape, scale) in shapes {
+            let mlp = Mlp::from_shape(shape, 3);
             let params: Vec<f32> = (0..mlp.range().end).map(|i| (i as f32 * 0.7).sin() * scale).collect();
             let mut batch = BitBatch::default();
             batch.set_constant(&[1, 5, 39]);

@@ -56,12 +56,13 @@ mod first_layer;
 mod forward;
 mod matmul;
 mod mlp;
+mod norm;
 mod workspace;
 
 pub use activation::tanh_in_place;
 pub use adam::{AdamConfig, Decay, Decayed, GradientNorms, Moments, clip_and_adam, gradient_norms};
 pub use batch::{Batch, BitBatch};
-pub use block::{Activation, Block, Place, Shape};
+pub use block::{Activation, Block, Norm, Place, Shape};
 pub use forward::Prepared;
 pub use mlp::Mlp;
 pub use workspace::{Activations, Workspace};

@@ -24,7 +24,7 @@ impl Mlp {
         let [inputs, hidden @ .., outputs] = sizes else {
             panic!("an MLP has at least inputs and outputs, got sizes {sizes:?}")
         };
-        let shape = Shape { inputs: *inputs, hidden, outputs: *outputs, activation };
+        let shape = Shape { inputs: *inputs, hidden, outputs: *outputs, activation, layer_norm: false };
         Self::from_shape(shape, offset)
     }
 
@@ -79,7 +79,16 @@ mod tests {
 
     #[test]
     fn blocks_tile_the_parameters() {
-        let shape = Shape { inputs: 256, hidden: &[64, 48], outputs: 4, activation: Activation::Tanh };
+        for layer_norm in [false, true] {
+            let shape = Shape { inputs: 256, hidden: &[64, 48], outputs: 4, activation: Activation::Tanh, layer_norm };
+            check_tiling(shape);
+        }
+        let activation = Activation::Tanh;
+        let shape = Shape { inputs: 256, hidden: &[64, 48], outputs: 4, activation, layer_norm: false };
+        assert_eq!(Mlp::from_shape(shape, 10), Mlp::new(&[256, 64, 48, 4], activation, 10));
+    }
+
+    fn check_tiling(shape: Shape<'_>) {
         let mlp = Mlp::from_shape(shape, 10);
         assert_eq!(mlp.num_parameters() as u64, shape.num_parameters());
         let (mut inputs, mut next) = (256, 10);
@@ -94,12 +103,12 @@ mod tests {
             inputs = block.outputs();
         }
         assert_eq!(mlp.range(), 10..next);
-        assert_eq!(mlp, Mlp::new(&[256, 64, 48, 4], Activation::Tanh, 10));
     }
 
     #[test]
     fn counting_saturates() {
-        let shape = Shape { inputs: 256, hidden: &[usize::MAX, 3], outputs: 4, activation: Activation::Relu };
+        let shape =
+            Shape { inputs: 256, hidden: &[usize::MAX, 3], outputs: 4, activation: Activation::Relu, layer_norm: true };
         assert_eq!(shape.num_parameters(), u64::MAX);
         assert!(std::panic::catch_unwind(|| Mlp::from_shape(shape, 0)).is_err());
     }

@@ -12,22 +12,42 @@ use crate::forward::Packed;
 pub struct Workspace {
     pub(crate) arch: Arch,
     pub(crate) packed: Packed,
-    /// Per layer `[B, padded(outputs)]`: what leaves it, activated unless it is the last.
-    pub(crate) activations: Vec<Buffer>,
+    pub(crate) trace: Trace,
     /// Per layer the number of its outputs, in the last forward pass.
     pub(crate) widths: Vec<usize>,
     /// `[B, outputs]`
     pub(crate) outputs: Vec<f32>,
-    /// Per layer `[B, padded(outputs)]`: the loss gradient of what the layer computes before
-    /// activation.
+    /// Per layer `[B, padded(width)]`: the loss gradient of the layer's sums.
     pub(crate) deltas: Vec<Buffer>,
-    /// The weight gradient of the layer at hand, `[padded(inputs), padded(outputs)]` or, where most
-    /// of that would be padding, `[outputs, padded(inputs)]`.
+    /// The weight gradient of the layer at hand, `[padded(inputs), padded(width)]` or, where most
+    /// of that would be padding, `[width, padded(inputs)]`.
     pub(crate) gradient: Buffer,
-    /// `[padded(outputs)]`: the bias gradient of the layer at hand.
+    /// `[padded(width)]`: the bias gradient of the layer at hand.
     pub(crate) bias: Buffer,
     /// `[inputs]`: in which of 64 samples an input is active, bit by bit.
     pub(crate) active_in: Vec<u64>,
+}
+
+/// What a forward pass leaves for the backward pass.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Trace {
+    /// Per layer `[B, padded(outputs)]`: what leaves it, activated unless it is the last.
+    pub(crate) activations: Vec<Buffer>,
+    /// Per layer `[B, padded(width)]`: the normalised sums, before scale and shift. Stale where
+    /// nothing is normalised.
+    pub(crate) normalised: Vec<Buffer>,
+    /// Per layer `[B]`: what the centred sums were multiplied with to normalise them. Stale
+    /// likewise.
+    pub(crate) inverse: Vec<Vec<f32>>,
+}
+
+impl Trace {
+    /// Makes room for a network of as many layers.
+    pub(crate) fn resize(&mut self, layers: usize) {
+        self.activations.resize_with(layers, Buffer::default);
+        self.normalised.resize_with(layers, Buffer::default);
+        self.inverse.resize_with(layers, Vec::new);
+    }
 }
 
 impl Default for Workspace {
@@ -41,7 +61,7 @@ impl Workspace {
         Self {
             arch,
             packed: Packed::default(),
-            activations: Vec::new(),
+            trace: Trace::default(),
             widths: Vec::new(),
             outputs: Vec::new(),
             deltas: Vec::new(),
@@ -58,7 +78,7 @@ impl Workspace {
     pub fn activations(&self, index: usize) -> Activations<'_> {
         let layers = self.widths.len();
         assert!(index < layers, "the last forward pass had {layers} layers, and none with index {index}");
-        Activations { values: &self.activations[index], width: self.widths[index] }
+        Activations { values: &self.trace.activations[index], width: self.widths[index] }
     }
 }
 

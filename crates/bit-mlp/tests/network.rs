@@ -1,11 +1,15 @@
 //! Forward and backward against a plain reference in `f64`, and the reference's gradient against
 //! finite differences.
 
+mod reference;
+
 use std::iter;
 
-use bit_mlp::{Activation, BitBatch, Mlp, Prepared, Workspace};
+use bit_mlp::{Activation, BitBatch, Mlp, Prepared, Shape, Workspace};
 use chacha20::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
+
+const ACTIVATIONS: [Activation; 2] = [Activation::Tanh, Activation::Relu];
 
 /// A random network with parameters, samples and a loss gradient at the outputs.
 struct Case {
@@ -35,8 +39,10 @@ impl Case {
 
     fn of_sizes(rng: &mut ChaCha8Rng, sizes: &[usize]) -> Self {
         let widest = sizes.iter().fold(70, |widest, &size| widest.max(size));
-        let activation = if rng.random() { Activation::Tanh } else { Activation::Relu };
-        let mlp = Mlp::new(sizes, activation, rng.random_range(0..40));
+        let activation = ACTIVATIONS[rng.random_range(0..ACTIVATIONS.len())];
+        let [inputs, hidden @ .., outputs] = sizes else { panic!("too few sizes: {sizes:?}") };
+        let shape = Shape { inputs: *inputs, hidden, outputs: *outputs, activation, layer_norm: rng.random() };
+        let mlp = Mlp::from_shape(shape, rng.random_range(0..40));
         let params = uniform(rng, mlp.range().end + 5, 3.3 / (widest as f32).sqrt());
 
         let mut batch = BitBatch::default();
@@ -71,52 +77,8 @@ fn widen(values: &[f32]) -> Vec<f64> {
     values.iter().map(|&value| f64::from(value)).collect()
 }
 
-/// What enters each layer for one input, and last the outputs.
-fn reference_forward(mlp: &Mlp, params: &[f64], input: &[f64]) -> Vec<Vec<f64>> {
-    let mut values = vec![input.to_vec()];
-    for (index, block) in mlp.blocks().iter().enumerate() {
-        let x = &values[index];
-        let weight = &params[block.weight.clone()];
-        let mut y = params[block.bias.clone()].to_vec();
-        for (i, x) in x.iter().enumerate() {
-            for (o, y) in y.iter_mut().enumerate() {
-                *y += x * weight[i * block.width + o];
-            }
-        }
-        if index + 1 < mlp.blocks().len() {
-            y.iter_mut().for_each(|y| match mlp.activation() {
-                Activation::Tanh => *y = y.tanh(),
-                Activation::Relu => *y = y.max(0.0),
-            });
-        }
-        values.push(y);
-    }
-    values
-}
-
-/// Adds one sample's gradient to `grads`.
-fn reference_backward(mlp: &Mlp, params: &[f64], input: &[f64], d_output: &[f64], grads: &mut [f64]) {
-    let values = reference_forward(mlp, params, input);
-    let mut delta = d_output.to_vec();
-    for (index, block) in mlp.blocks().iter().enumerate().rev() {
-        let x = &values[index];
-        let weight = &params[block.weight.clone()];
-        let mut below = vec![0.0; block.inputs];
-        for o in 0..block.width {
-            grads[block.bias.start + o] += delta[o];
-            for i in 0..block.inputs {
-                grads[block.weight.start + i * block.width + o] += x[i] * delta[o];
-                below[i] += delta[o] * weight[i * block.width + o];
-            }
-        }
-        for (below, x) in below.iter_mut().zip(x) {
-            *below *= match mlp.activation() {
-                Activation::Tanh => 1.0 - x * x,
-                Activation::Relu => f64::from(*x > 0.0),
-            };
-        }
-        delta = below;
-    }
+fn reference_outputs(mlp: &Mlp, params: &[f64], input: &[f64]) -> Vec<f64> {
+    reference::forward(mlp, params, input).pop().expect("outputs").outputs
 }
 
 #[track_caller]
@@ -138,12 +100,11 @@ fn forward_and_backward_equal_the_reference() {
         let inputs = case.dense_inputs();
 
         let outputs = mlp.forward(params, batch.all(), &mut workspace);
-        let expected: Vec<f64> =
-            inputs.iter().flat_map(|x| reference_forward(mlp, &wide, x).pop().expect("outputs")).collect();
+        let expected: Vec<f64> = inputs.iter().flat_map(|x| reference_outputs(mlp, &wide, x)).collect();
         assert_close(outputs, &expected, 2e-5);
         for (b, x) in inputs.iter().enumerate() {
-            for (index, expected) in reference_forward(mlp, &wide, x)[1..].iter().enumerate() {
-                assert_close(workspace.activations(index).row(b), expected, 2e-5);
+            for (index, expected) in reference::forward(mlp, &wide, x).iter().enumerate() {
+                assert_close(workspace.activations(index).row(b), &expected.outputs, 2e-5);
             }
         }
 
@@ -151,7 +112,7 @@ fn forward_and_backward_equal_the_reference() {
         mlp.backward(params, batch.all(), d_outputs, &mut workspace, &mut grads);
         let mut expected = vec![0.0; params.len()];
         for (x, d_output) in inputs.iter().zip(d_outputs.chunks(mlp.outputs())) {
-            reference_backward(mlp, &wide, x, &widen(d_output), &mut expected);
+            reference::backward(mlp, &wide, x, &widen(d_output), &mut expected);
         }
         let range = mlp.range();
         assert_close(&grads[range.clone()], &expected[range.clone()], 1e-4);
@@ -162,24 +123,30 @@ fn forward_and_backward_equal_the_reference() {
 #[test]
 fn the_reference_gradient_equals_finite_differences() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
-    let mlp = Mlp::new(&[9, 7, 5, 3], Activation::Tanh, 0);
-    let params = widen(&uniform(&mut rng, mlp.num_parameters(), 0.8));
-    let input: Vec<f64> = (0..9).map(|index| f64::from(index % 3 == 0)).collect();
-    let d_output = [0.7, -1.1, 0.3];
-    let loss = |params: &[f64]| -> f64 {
-        let outputs = reference_forward(&mlp, params, &input).pop().expect("outputs");
-        outputs.iter().zip(d_output).map(|(output, d_output)| output * d_output).sum()
-    };
-    let mut grads = vec![0.0; params.len()];
-    reference_backward(&mlp, &params, &input, &d_output, &mut grads);
-    for (index, gradient) in grads.iter().enumerate() {
-        let shifted = |by: f64| {
-            let mut params = params.clone();
-            params[index] += by;
-            loss(&params)
+    for (activation, layer_norm) in
+        ACTIVATIONS.into_iter().flat_map(|activation| [(activation, false), (activation, true)])
+    {
+        let shape = Shape { inputs: 9, hidden: &[7, 5], outputs: 3, activation, layer_norm };
+        let mlp = Mlp::from_shape(shape, 0);
+        let params = widen(&uniform(&mut rng, mlp.num_parameters(), 0.8));
+        let input: Vec<f64> = (0..9).map(|index| f64::from(index % 3 == 0)).collect();
+        let d_output = [0.7, -1.1, 0.3];
+        let loss = |params: &[f64]| -> f64 {
+            let outputs = reference_outputs(&mlp, params, &input);
+            outputs.iter().zip(d_output).map(|(output, d_output)| output * d_output).sum()
         };
-        let difference = (shifted(1e-6) - shifted(-1e-6)) / 2e-6;
-        assert!((gradient - difference).abs() < 1e-8, "at {index}: {gradient} instead of {difference}");
+        let mut grads = vec![0.0; params.len()];
+        reference::backward(&mlp, &params, &input, &d_output, &mut grads);
+        for (index, gradient) in grads.iter().enumerate() {
+            let shifted = |by: f64| {
+                let mut params = params.clone();
+                params[index] += by;
+                loss(&params)
+            };
+            let difference = (shifted(1e-6) - shifted(-1e-6)) / 2e-6;
+            let error = (gradient - difference).abs();
+            assert!(error < 1e-8, "{shape:?} at {index}: {gradient} instead of {difference}");
+        }
     }
 }
 
@@ -220,14 +187,18 @@ fn activations_are_those_of_the_last_forward_pass() {
 
 #[test]
 fn an_empty_batch_has_no_outputs_and_no_gradient() {
-    let mlp = Mlp::new(&[40, 128, 256, 256, 4], Activation::Tanh, 0);
-    let params = vec![0.1; mlp.num_parameters()];
-    let batch = BitBatch::default();
-    let mut workspace = Workspace::default();
-    assert!(mlp.forward(&params, batch.all(), &mut workspace).is_empty());
-    let mut grads = vec![7.0; params.len()];
-    mlp.backward(&params, batch.all(), &[], &mut workspace, &mut grads);
-    assert!(grads.iter().all(|&g| g == 0.0));
+    for layer_norm in [false, true] {
+        let shape =
+            Shape { inputs: 40, hidden: &[128, 256, 256], outputs: 4, activation: Activation::Tanh, layer_norm };
+        let mlp = Mlp::from_shape(shape, 0);
+        let params = vec![0.1; mlp.num_parameters()];
+        let batch = BitBatch::default();
+        let mut workspace = Workspace::default();
+        assert!(mlp.forward(&params, batch.all(), &mut workspace).is_empty());
+        let mut grads = vec![7.0; params.len()];
+        mlp.backward(&params, batch.all(), &[], &mut workspace, &mut grads);
+        assert!(grads.iter().all(|&g| g == 0.0));
+    }
 }
 
 #[test]
