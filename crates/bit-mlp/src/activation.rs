@@ -3,6 +3,7 @@
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::block::Activation;
+use crate::buffer::padded;
 
 /// Replaces every value by its hyperbolic tangent, to within 3 units in the last place; NaN stays
 /// NaN.
@@ -67,7 +68,7 @@ fn relu<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     simd.select_f32s(simd.less_than_f32s(x, zero), zero, x)
 }
 
-/// Replaces every value by its activation.
+/// Replaces every value by its activation: CReLU is ReLU of what [`Mirror`] makes.
 pub(crate) struct Activate<'a> {
     pub(crate) activation: Activation,
     pub(crate) values: &'a mut [f32],
@@ -91,7 +92,63 @@ impl WithSimd for Activate<'_> {
 fn activate<S: Simd>(simd: S, activation: Activation, x: S::f32s) -> S::f32s {
     match activation {
         Activation::Tanh => tanh(simd, x),
-        Activation::Relu => relu(simd, x),
+        Activation::Relu | Activation::Crelu => relu(simd, x),
+    }
+}
+
+/// Writes `[x, −x]` to `out` for every row `x` of `values`; `values` `[B, padded(width)]`, `out` `[B,
+/// padded(2 · width)]`.
+pub(crate) struct Mirror<'a> {
+    pub(crate) values: &'a [f32],
+    pub(crate) width: usize,
+    pub(crate) out: &'a mut [f32],
+}
+
+impl WithSimd for Mirror<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let width = self.width;
+        let rows = self.values.chunks_exact(padded(width)).zip(self.out.chunks_exact_mut(padded(2 * width)));
+        for (values, out) in rows {
+            let (same, rest) = out.split_at_mut(width);
+            same.copy_from_slice(&values[..width]);
+            let (from, from_tail) = S::as_simd_f32s(&values[..width]);
+            let (to, to_tail) = S::as_mut_simd_f32s(&mut rest[..width]);
+            for (to, &x) in to.iter_mut().zip(from) {
+                *to = simd.neg_f32s(x);
+            }
+            simd.partial_store_f32s(to_tail, simd.neg_f32s(simd.partial_load_f32s(from_tail)));
+        }
+    }
+}
+
+/// The gradient of [`Mirror`]: `out = a − b` for every row `[a, b]` of `gradients`; `gradients` `[B,
+/// padded(2 · width)]`, `out` `[B, padded(width)]`.
+pub(crate) struct MirrorGradient<'a> {
+    pub(crate) gradients: &'a [f32],
+    pub(crate) width: usize,
+    pub(crate) out: &'a mut [f32],
+}
+
+impl WithSimd for MirrorGradient<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let width = self.width;
+        let rows = self.gradients.chunks_exact(padded(2 * width)).zip(self.out.chunks_exact_mut(padded(width)));
+        for (gradients, out) in rows {
+            let (a, a_tail) = S::as_simd_f32s(&gradients[..width]);
+            let (b, b_tail) = S::as_simd_f32s(&gradients[width..2 * width]);
+            let (out, out_tail) = S::as_mut_simd_f32s(&mut out[..width]);
+            for ((out, &a), &b) in out.iter_mut().zip(a).zip(b) {
+                *out = simd.sub_f32s(a, b);
+            }
+            let last = simd.sub_f32s(simd.partial_load_f32s(a_tail), simd.partial_load_f32s(b_tail));
+            simd.partial_store_f32s(out_tail, last);
+        }
     }
 }
 
@@ -120,7 +177,9 @@ impl WithSimd for Differentiate<'_> {
                     let slope = simd.negate_mul_add_e_f32s(y, y, simd.splat_f32s(1.0));
                     simd.mul_f32s(*gradient, slope)
                 }
-                Activation::Relu => simd.select_f32s(simd.greater_than_f32s(y, zero), *gradient, zero),
+                Activation::Relu | Activation::Crelu => {
+                    simd.select_f32s(simd.greater_than_f32s(y, zero), *gradient, zero)
+                }
             };
         }
     }

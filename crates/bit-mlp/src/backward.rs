@@ -1,6 +1,6 @@
 //! The gradient of the parameters, derived by hand.
 
-use crate::activation::Differentiate;
+use crate::activation::{Differentiate, MirrorGradient};
 use crate::batch::Batch;
 use crate::buffer::{Buffer, padded};
 use crate::first_layer::WeightGradient;
@@ -35,7 +35,7 @@ impl Mlp {
         grads: &mut [f32],
     ) {
         let Workspace { arch, packed, trace, deltas, gradient, bias, active_in, .. } = workspace;
-        let Trace { activations, normalised, inverse } = trace;
+        let Trace { activations, normalised, inverse, mirrored } = trace;
         let last = self.blocks().len() - 1;
         assert_eq!(d_outputs.len(), batch.len() * self.outputs(), "d_outputs is [B, outputs]");
         assert_eq!(activations[last].len(), batch.len() * padded(self.outputs()), "the forward pass had another shape");
@@ -103,23 +103,29 @@ impl Mlp {
             }
 
             // δ' = (δ weightᵀ) ⊙ activation'
-            lower.resize(batch.len() * inputs);
+            let below = &self.blocks()[index - 1];
+            let mirrors = below.outputs() != below.width;
+            let leaving = if mirrors { &mut *mirrored } else { &mut *lower };
+            leaving.resize(batch.len() * inputs);
             arch.dispatch(Matmul {
                 left: Factor::new(delta, width),
                 right: packed.weight(index, block, params).transposed(),
                 initial: None,
                 depth: block.width,
                 width: inputs,
-                out: lower,
+                out: leaving,
             });
-            arch.dispatch(Differentiate { activation: self.activation(), activated: input, gradients: lower });
-            let below = index - 1;
-            if let Some(norm) = &self.blocks()[below].norm {
+            arch.dispatch(Differentiate { activation: self.activation(), activated: input, gradients: leaving });
+            if mirrors {
+                lower.resize(batch.len() * padded(below.width));
+                arch.dispatch(MirrorGradient { gradients: mirrored, width: below.width, out: lower });
+            }
+            if let Some(norm) = &below.norm {
                 let (d_scale, d_shift) = grads[norm.scale.start..norm.shift.end].split_at_mut(norm.scale.len());
                 arch.dispatch(NormGradient {
                     scale: &params[norm.scale.clone()],
-                    normalised: &normalised[below],
-                    inverse: &inverse[below],
+                    normalised: &normalised[index - 1],
+                    inverse: &inverse[index - 1],
                     gradients: lower,
                     d_scale,
                     d_shift,

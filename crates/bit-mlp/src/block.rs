@@ -9,6 +9,19 @@ pub enum Activation {
     Tanh,
     /// `max(x, 0)`, as Stable-Baselines3's DQN. Its derivative at 0 is taken as 0.
     Relu,
+    /// `[max(x, 0), max(−x, 0)]`: two values per unit, so that no unit can fall silent (Abbas et al.,
+    /// 2023, <https://arxiv.org/abs/2303.07507>). Both derivatives at 0 are taken as 0.
+    Crelu,
+}
+
+impl Activation {
+    /// Number of values that leave a unit for each sample.
+    pub const fn outputs_per_unit(self) -> usize {
+        match self {
+            Activation::Tanh | Activation::Relu => 1,
+            Activation::Crelu => 2,
+        }
+    }
 }
 
 /// A layer and where its parameters lie in the flat slice: `y = activation(norm(x · weight + bias))`.
@@ -16,7 +29,7 @@ pub enum Activation {
 pub struct Block {
     /// Number of inputs.
     pub inputs: usize,
-    /// Number of units, each with its sum.
+    /// Number of units, each with its sum; [`outputs`](Self::outputs) says how many values leave them.
     pub width: usize,
     /// Where the weight `[inputs, width]` lies, row-major.
     pub weight: Range<usize>,
@@ -70,9 +83,10 @@ impl Block {
         Self { inputs, width, weight, bias, norm, activation }
     }
 
-    /// Number of values that leave the block for each sample.
+    /// Number of values that leave the block for each sample. With [`Activation::Crelu`] these are
+    /// the `width` positive parts, then the `width` negative parts.
     pub fn outputs(&self) -> usize {
-        self.width
+        self.width * self.activation.map_or(1, Activation::outputs_per_unit)
     }
 
     /// The block's tensors in the order in which they lie, one after the other.
@@ -120,11 +134,12 @@ impl Shape<'_> {
     pub fn num_parameters(&self) -> u64 {
         let mut inputs = self.inputs as u64;
         let mut sum = 0_u64;
+        let per_unit = self.activation.outputs_per_unit() as u64;
         for &width in self.hidden {
             let width = width as u64;
             let vectors = if self.layer_norm { 3 } else { 1 }; // bias, scale, shift
             sum = sum.saturating_add(inputs.saturating_add(vectors).saturating_mul(width));
-            inputs = width;
+            inputs = width.saturating_mul(per_unit);
         }
         sum.saturating_add(inputs.saturating_add(1).saturating_mul(self.outputs as u64))
     }

@@ -3,7 +3,7 @@
 
 use pulp::Arch;
 
-use crate::activation::Activate;
+use crate::activation::{Activate, Mirror};
 use crate::batch::Batch;
 use crate::block::Block;
 use crate::buffer::{Buffer, LINE, padded};
@@ -78,14 +78,15 @@ impl Packed {
         trace: &mut Trace,
     ) {
         trace.resize(mlp.blocks().len());
-        let Trace { activations, normalised, inverse } = trace;
+        let Trace { activations, normalised, inverse, mirrored } = trace;
         for (index, block) in mlp.blocks().iter().enumerate() {
             let (before, after) = activations.split_at_mut(index);
-            let leaving = &mut after[0];
             let width = padded(block.width);
             let len = samples.len() * width;
-            // Straight to where they leave the layer, if nothing needs to be kept before.
-            let out = if block.norm.is_some() { &mut normalised[index] } else { &mut *leaving };
+            // Straight to where they leave the layer, if nothing but an activation comes before.
+            let mirrors = block.outputs() != block.width;
+            let activated = if mirrors { &mut *mirrored } else { &mut after[0] };
+            let out = if block.norm.is_some() { &mut normalised[index] } else { &mut *activated };
             out.resize(len);
             if let Some(input) = before.last() {
                 arch.dispatch(Matmul {
@@ -106,18 +107,22 @@ impl Packed {
                 });
             }
             if let Some(norm) = &block.norm {
-                leaving.resize(len);
+                activated.resize(len);
                 inverse[index].resize(samples.len(), 0.0);
                 arch.dispatch(Normalise {
                     scale: &params[norm.scale.clone()],
                     shift: &params[norm.shift.clone()],
                     values: &mut normalised[index],
                     inverse: &mut inverse[index],
-                    out: leaving,
+                    out: activated,
                 });
             }
+            if mirrors {
+                after[0].resize(samples.len() * padded(block.outputs()));
+                arch.dispatch(Mirror { values: mirrored, width: block.width, out: &mut after[0] });
+            }
             if let Some(activation) = block.activation {
-                arch.dispatch(Activate { activation, values: leaving });
+                arch.dispatch(Activate { activation, values: &mut after[0] });
             }
         }
     }
@@ -203,7 +208,7 @@ mod tests {
         // The wide one has products in several blocks, packed, read in place, and with a gradient that goes straight
         // to its place.
         let shapes = [(&[37, 64][..], 0.3), (&[37, 272, 256], 0.1)].into_iter().flat_map(|(hidden, scale)| {
-            let all = [Activation::Tanh, Activation::Relu].map(|activation| {
+            let all = [Activation::Tanh, Activation::Relu, Activation::Crelu].map(|activation| {
                 [false, true]
                     .map(|layer_norm| (Shape { inputs: 40, hidden, outputs: 5, activation, layer_norm }, scale))
             });

@@ -79,9 +79,10 @@ mod tests {
 
     #[test]
     fn blocks_tile_the_parameters() {
-        for layer_norm in [false, true] {
-            let shape = Shape { inputs: 256, hidden: &[64, 48], outputs: 4, activation: Activation::Tanh, layer_norm };
-            check_tiling(shape);
+        for activation in [Activation::Tanh, Activation::Relu, Activation::Crelu] {
+            for layer_norm in [false, true] {
+                check_tiling(Shape { inputs: 256, hidden: &[64, 48], outputs: 4, activation, layer_norm });
+            }
         }
         let activation = Activation::Tanh;
         let shape = Shape { inputs: 256, hidden: &[64, 48], outputs: 4, activation, layer_norm: false };

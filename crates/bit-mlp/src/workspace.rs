@@ -39,6 +39,9 @@ pub(crate) struct Trace {
     /// Per layer `[B]`: what the centred sums were multiplied with to normalise them. Stale
     /// likewise.
     pub(crate) inverse: Vec<Vec<f32>>,
+    /// Of the layer at hand, if what leaves it is mirrored: `[B, padded(width)]` what is, and
+    /// `[B, padded(outputs)]` its loss gradient on the way back.
+    pub(crate) mirrored: Buffer,
 }
 
 impl Trace {

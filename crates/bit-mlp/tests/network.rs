@@ -9,7 +9,7 @@ use bit_mlp::{Activation, BitBatch, Mlp, Prepared, Shape, Workspace};
 use chacha20::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
-const ACTIVATIONS: [Activation; 2] = [Activation::Tanh, Activation::Relu];
+const ACTIVATIONS: [Activation; 3] = [Activation::Tanh, Activation::Relu, Activation::Crelu];
 
 /// A random network with parameters, samples and a loss gradient at the outputs.
 struct Case {
@@ -253,7 +253,7 @@ fn inputs_that_are_never_active_have_no_gradient() {
 
 #[test]
 fn nan_in_a_parameter_reaches_the_outputs() {
-    for activation in [Activation::Tanh, Activation::Relu] {
+    for activation in ACTIVATIONS {
         let mlp = Mlp::new(&[3, 4, 2], activation, 0);
         let mut params = vec![0.1; mlp.num_parameters()];
         params[1] = f32::NAN;

@@ -48,6 +48,9 @@ fn layer(block: &Block, params: &[f64], inputs: Vec<f64>) -> Layer {
         None => values,
         Some(Activation::Tanh) => values.into_iter().map(f64::tanh).collect(),
         Some(Activation::Relu) => values.into_iter().map(|x| x.max(0.0)).collect(),
+        Some(Activation::Crelu) => {
+            values.iter().copied().chain(values.iter().map(|x| -x)).map(|x| x.max(0.0)).collect()
+        }
     };
     Layer { inputs, sums, deviation, outputs }
 }
@@ -66,6 +69,11 @@ pub fn backward(mlp: &Mlp, params: &[f64], input: &[f64], d_output: &[f64], grad
             None => delta,
             Some(Activation::Tanh) => delta.iter().zip(outputs).map(|(d, y)| d * (1.0 - y * y)).collect(),
             Some(Activation::Relu) => delta.iter().zip(outputs).map(|(d, y)| d * f64::from(*y > 0.0)).collect(),
+            Some(Activation::Crelu) => {
+                let slope = |o: usize| f64::from(outputs[o] > 0.0);
+                let n = block.width;
+                (0..n).map(|o| delta[o] * slope(o) - delta[n + o] * slope(n + o)).collect()
+            }
         };
         if let Some(norm) = &block.norm {
             for (o, d) in delta.iter_mut().enumerate() {
