@@ -42,7 +42,7 @@ pub enum Decay {
     InLoss(f64),
 }
 
-/// Which parameters decay.
+/// Which parameters decay, or are [pulled](crate::Pull).
 #[derive(Clone, Copy, Debug)]
 pub enum Decayed<'a> {
     /// All, as PyTorch's optimisers do unless they are given groups.
@@ -61,15 +61,6 @@ pub struct Moments<'a> {
     pub exp_avg_sq: &'a mut [f32],
     /// The number of the step to make, 1 for the first.
     pub step: u64,
-}
-
-/// Norms of the two parts of the gradient of a loss with a penalty.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GradientNorms {
-    /// ‖g‖₂ of the gradient of the loss proper.
-    pub loss: f32,
-    /// ‖λθ‖₂ over the decayed parameters.
-    pub penalty: f32,
 }
 
 /// Clips the gradient to a norm and makes one step of Adam. Returns the norm before clipping.
@@ -132,23 +123,9 @@ pub fn clip_and_adam(
     norm
 }
 
-/// How much of a gradient is the penalty's: the norms of `grads` and of λ times the decayed
-/// parameters.
-pub fn gradient_norms(params: &[f32], grads: &[f32], lambda: f64, decayed: Decayed<'_>) -> GradientNorms {
-    let arch = Arch::new();
-    let mut sum = 0.0;
-    decayed.for_each_part(params.len(), |part, decays| {
-        if decays {
-            sum += arch.dispatch(SumSquares { values: &params[part], added: None });
-        }
-    });
-    let loss = arch.dispatch(SumSquares { values: grads, added: None }).sqrt();
-    GradientNorms { loss, penalty: lambda as f32 * sum.sqrt() }
-}
-
 impl Decayed<'_> {
     /// Calls `f` with consecutive parts of `0..len`, and whether the part decays.
-    fn for_each_part(self, len: usize, mut f: impl FnMut(Range<usize>, bool)) {
+    pub(crate) fn for_each_part(self, len: usize, mut f: impl FnMut(Range<usize>, bool)) {
         let ranges = match self {
             Decayed::All => return f(0..len, true),
             Decayed::Only(ranges) => ranges,
@@ -168,9 +145,9 @@ impl Decayed<'_> {
 }
 
 /// `Σ (values + scale · other)²`, with `(scale, other)` = `added`.
-struct SumSquares<'a> {
-    values: &'a [f32],
-    added: Option<(f32, &'a [f32])>,
+pub(crate) struct SumSquares<'a> {
+    pub(crate) values: &'a [f32],
+    pub(crate) added: Option<(f32, &'a [f32])>,
 }
 
 impl WithSimd for SumSquares<'_> {

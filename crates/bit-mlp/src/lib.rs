@@ -57,14 +57,16 @@ mod forward;
 mod matmul;
 mod mlp;
 mod norm;
+mod pull;
 mod workspace;
 
 pub use activation::tanh_in_place;
-pub use adam::{AdamConfig, Decay, Decayed, GradientNorms, Moments, clip_and_adam, gradient_norms};
+pub use adam::{AdamConfig, Decay, Decayed, Moments, clip_and_adam};
 pub use batch::{Batch, BitBatch};
 pub use block::{Activation, Block, Norm, Place, Shape};
 pub use forward::Prepared;
 pub use mlp::Mlp;
+pub use pull::{GradientNorms, Pull, gradient_norms};
 pub use workspace::{Activations, Workspace};
 
 /// The instruction set that the kernels use on this machine: `avx512`, `avx2`, `neon` or `plain`.

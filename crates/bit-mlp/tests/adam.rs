@@ -1,8 +1,8 @@
-//! Clipping, decay and Adam against PyTorch's formulas, written out in `f64`.
+//! Pulls, clipping, decay and Adam against PyTorch's formulas, written out in `f64`.
 
 use std::ops::Range;
 
-use bit_mlp::{AdamConfig, Decay, Decayed, Moments, clip_and_adam, gradient_norms};
+use bit_mlp::{AdamConfig, Decay, Decayed, Moments, Pull, clip_and_adam, gradient_norms};
 use chacha20::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
@@ -53,10 +53,12 @@ fn widen(values: &[f32]) -> Vec<f64> {
     values.iter().map(|&value| f64::from(value)).collect()
 }
 
-fn check(decay: Decay, decayed: Decayed<'_>, max_grad_norm: f32) {
+/// Steps with this decay and a pull towards a random anchor, both of the `decayed` parameters.
+fn check(decay: Decay, pull: f64, decayed: Decayed<'_>, max_grad_norm: f32) {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let config = AdamConfig { lr: 3e-3, eps: 1e-5, decay, ..AdamConfig::default() };
     let mut params: Vec<f32> = (0..LEN).map(|_| rng.random_range(-1.0..1.0)).collect();
+    let anchor: Vec<f32> = (0..LEN).map(|_| rng.random_range(-1.0..1.0)).collect();
     let (mut exp_avg, mut exp_avg_sq) = (vec![0.0; LEN], vec![0.0; LEN]);
     let mut reference = Optimiser { params: widen(&params), exp_avg: vec![0.0; LEN], exp_avg_sq: vec![0.0; LEN] };
     let decays = |index: usize| match decayed {
@@ -66,12 +68,20 @@ fn check(decay: Decay, decayed: Decayed<'_>, max_grad_norm: f32) {
     for step in 1..=30 {
         // Some gradients are 0 in most steps, as those of inputs that are seldom active.
         let scale = if step % 7 == 0 { 0.01 } else { 1.0 };
-        let grads: Vec<f32> = (0..LEN)
+        let mut grads: Vec<f32> = (0..LEN)
             .map(|i| if i % 3 == 0 && step % 5 != 0 { 0.0 } else { scale * rng.random_range(-1.0..1.0) })
             .collect();
+        let mut expected = widen(&grads);
+        (0..LEN)
+            .filter(|&i| decays(i))
+            .for_each(|i| expected[i] += pull * (reference.params[i] - f64::from(anchor[i])));
+        if pull != 0.0 {
+            let pull = Pull { coefficient: pull, anchor: Some(&anchor), covered: decayed };
+            pull.add_to(&mut grads, &params);
+        }
         let moments = Moments { exp_avg: &mut exp_avg, exp_avg_sq: &mut exp_avg_sq, step };
         let norm = clip_and_adam(&mut params, &grads, moments, max_grad_norm, decayed, &config);
-        let expected = reference.step(&widen(&grads), step as i32, f64::from(max_grad_norm), decays, &config);
+        let expected = reference.step(&expected, step as i32, f64::from(max_grad_norm), decays, &config);
         assert!((f64::from(norm) - expected).abs() < 1e-5 * expected, "norm {norm} instead of {expected}");
         let all = [(&params, &reference.params), (&exp_avg, &reference.exp_avg), (&exp_avg_sq, &reference.exp_avg_sq)];
         for (ours, reference) in all {
@@ -91,9 +101,34 @@ fn steps_equal_pytorch_for_every_decay() {
     for decay in [Decay::None, Decay::Decoupled(0.1), Decay::Coupled(0.02), Decay::InLoss(0.02)] {
         for decayed in [Decayed::All, Decayed::Only(&WEIGHTS)] {
             for max_grad_norm in [0.5, f32::INFINITY] {
-                check(decay, decayed, max_grad_norm);
+                check(decay, 0.0, decayed, max_grad_norm);
             }
         }
+    }
+}
+
+#[test]
+fn pulled_steps_equal_pytorch() {
+    for decayed in [Decayed::All, Decayed::Only(&WEIGHTS)] {
+        for decay in [Decay::None, Decay::InLoss(0.02)] {
+            check(decay, 0.3, decayed, 0.5);
+        }
+    }
+}
+
+#[test]
+fn a_pull_to_zeros_needs_no_anchor() {
+    let params: Vec<f32> = (0..LEN).map(|i| (i as f32).sin()).collect();
+    let zeros = vec![0.0; LEN];
+    for covered in [Decayed::All, Decayed::Only(&WEIGHTS)] {
+        let [with, without] = [Some(zeros.as_slice()), None].map(|anchor| {
+            let pull = Pull { coefficient: 0.1, anchor, covered };
+            let mut grads = vec![1.0; LEN];
+            pull.add_to(&mut grads, &params);
+            (grads, pull.norm(&params))
+        });
+        assert_eq!(with.0, without.0);
+        assert!((with.1 / without.1 - 1.0).abs() < 1e-6, "{} and {}", with.1, without.1);
     }
 }
 
@@ -125,6 +160,10 @@ fn untouched_parameters_stay_and_faded_moments_vanish() {
 #[test]
 fn norms_of_loss_and_penalty() {
     let params = [3.0, 4.0, 100.0];
-    let norms = gradient_norms(&params, &[1.0, 2.0, 2.0], 0.1, Decayed::Only(&[0..2, 2..2]));
-    assert!((norms.loss - 3.0).abs() < 1e-6 && (norms.penalty - 0.5).abs() < 1e-6, "{norms:?}");
+    let anchor = [0.0, 1.0, 7.0];
+    for (anchor, expected) in [(None, 0.5), (Some(&anchor[..]), 0.1 * 18.0_f32.sqrt())] {
+        let pull = Pull { coefficient: 0.1, anchor, covered: Decayed::Only(&[0..2, 2..2]) };
+        let norms = gradient_norms(&params, &[1.0, 2.0, 2.0], pull);
+        assert!((norms.loss - 3.0).abs() < 1e-6 && (norms.penalty - expected).abs() < 1e-6, "{norms:?}");
+    }
 }
