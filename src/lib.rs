@@ -1,6 +1,6 @@
 //! Loss of plasticity in reinforcement learning on coverage path planning.
 //!
-//! Dependencies point downwards only: `cli` → `study`, `training`, `report` → `run` → `plasticity`, `curriculum`,
+//! Dependencies point downwards only: `cli` → `study`, `training`, `report` → `run` → `measure`, `curriculum`,
 //! `evaluate` → `agent` → `config` → the crates that know nothing of this one.
 
 pub mod agent;
@@ -10,8 +10,8 @@ pub mod curriculum;
 pub mod dose;
 pub mod error;
 pub mod evaluate;
+pub mod measure;
 pub mod messages;
-pub mod plasticity;
 pub mod report;
 pub mod results;
 pub mod run;

@@ -33,7 +33,7 @@ use crate::agent::{self, Metrics, Stage};
 use crate::config::Config;
 use crate::dose::StageDose;
 use crate::error::UserError;
-use crate::plasticity::Measurement;
+use crate::measure::probe::Measurement;
 use crate::results::LevelResult;
 use checkpoint::{Checkpoint, FileError, Origin};
 use evaluations::{Phase, Row};

@@ -6,7 +6,7 @@ use event_file::{HParam, HParams, SessionStatus};
 use serde_json::Value;
 
 use super::manifest::Manifest;
-use crate::plasticity::Measurement;
+use crate::measure::probe::Measurement;
 use crate::results::LevelResult;
 
 /// The metrics of the HParams tab, which every run has.

@@ -12,7 +12,7 @@ use crate::agent::state::AgentState;
 use crate::agent::{self, Backend, Metrics, Stage};
 use crate::dose::Dose;
 use crate::evaluate::{self, Choose, Starts};
-use crate::plasticity::{Measurement, Monitor};
+use crate::measure::probe::{Measurement, Monitor};
 use crate::results::LevelResult;
 use crate::run::evaluations::Phase;
 use crate::run::{Opened, RunDir, Standing};

@@ -1,11 +1,11 @@
 //! Measures of plasticity: the numbers that NumPy and PyTorch give (scripts/plasticity-oracle), and the log of a run.
 
-use bit_mlp::{Activation, BitBatch};
+use bit_mlp::BitBatch;
 use coverage_env::Level;
 use cpp_rl::config;
-use cpp_rl::plasticity::{Probe, measures};
+use cpp_rl::measure::probe::Probe;
+use cpp_rl::measure::{self, Hidden, Layer, Sample, Units, Update};
 use serde_json::Value;
-use tch::Tensor;
 
 use crate::sandbox::{RunFiles, Sandbox};
 
@@ -38,11 +38,17 @@ fn assert_recorded(what: &str, actual: &[(String, f64)], expected: &Value, toler
 fn layers_measure_what_numpy_computes() {
     for layer in list(&fixture()["layers"]) {
         let rows: Vec<Vec<f64>> = list(&layer["activations"]).iter().map(floats).collect();
-        let shape = [rows.len() as i64, rows[0].len() as i64];
-        let activations = Tensor::from_slice(&rows.concat()).view(shape);
-        let activation = if layer["activation"] == "tanh" { Activation::Tanh } else { Activation::Relu };
-        let measured = measures::of_layer(&activations, activation).into_iter();
-        let measured: Vec<_> = measured.map(|(name, value)| (name.to_owned(), value)).collect();
+        let units = if layer["activation"] == "tanh" { Units::Tanh } else { Units::Relu };
+        let hidden = Some(Hidden::new(rows.concat(), rows[0].len(), units));
+        let update =
+            Update { before: &[], after: &[], greedy_before: vec![], greedy_after: vec![], grad_norm: f64::NAN };
+        let layers = vec![Layer { name: "tower.0".to_owned(), weights: &[], hidden }];
+        let measured = measure::columns(&Sample { update, layers });
+        let of_units = measured.into_iter().filter_map(|(name, value)| {
+            let name = name.strip_prefix("plasticity/tower.0/")?;
+            (name != "weight_magnitude").then(|| (name.to_owned(), value))
+        });
+        let measured: Vec<_> = of_units.collect();
         assert_recorded(layer["name"].as_str().expect("a name"), &measured, &layer["measures"], 1e-12);
     }
 }
@@ -134,6 +140,12 @@ fn columns_name_towers_and_layers() {
         assert_eq!(rows.len(), num_rows);
         let rest = |row: &csv::StringRecord| row.iter().skip(4).map(|cell| cell.parse::<f64>()).collect::<Vec<_>>();
         assert!(rows.iter().flat_map(rest).all(|value| value.is_ok_and(f64::is_finite)));
+        for (place, column) in columns.iter().enumerate().skip(4) {
+            let (_, measure) = measure::find(column).expect("a measure that is registered");
+            let (least, most) = measure.range;
+            let in_range = |row: &csv::StringRecord| (least..=most).contains(&row[place].parse().expect("a number"));
+            assert!(rows.iter().all(in_range), "{column}");
+        }
     }
 }
 
