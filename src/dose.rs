@@ -4,7 +4,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::agent::Metrics;
-use crate::config::{Algorithm, Choice, Config, L2};
+use crate::agent::Stage;
+use crate::agent::config::Config;
+use crate::agent::mitigation::{L2, L2Penalty};
+use crate::config::Choice;
 use crate::curriculum::Curriculum;
 
 /// A treatment below this share of the weights, or of the loss's gradient, is too weak to act.
@@ -51,17 +54,19 @@ mod as_bits {
 impl Dose {
     /// What is known before training, and what `recorded`, a manifest's, says of the stages done by earlier starts.
     pub fn new(config: &Config, curriculum: &Curriculum, recorded: &Value) -> Self {
-        let steps = curriculum.stages.iter().map(|stage| optimizer_steps(config, stage.timesteps)).sum();
-        let o = &config.optimizer;
+        let of_stage = |stage: &Stage| config.algorithm.optimizer_steps(config, stage.timesteps);
+        let steps = curriculum.stages.iter().map(of_stage).sum();
+        let penalty = L2Penalty::of(config);
+        let decay = config.optimizer.learning_rate * penalty.coefficient;
         let earlier = |key: &str| {
             let list = recorded.get(key).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
             list.iter().map(|v| v.as_f64().unwrap_or(f64::NAN)).collect()
         };
         Self {
-            l2: o.l2,
-            coef: o.l2_coef,
-            planned_shrink: (steps as f64 * (-o.learning_rate * o.l2_coef).ln_1p()).exp(),
-            shrink: f64::from(o.decoupled_factor()).powf(steps as f64),
+            l2: penalty.kind,
+            coef: penalty.coefficient,
+            planned_shrink: (steps as f64 * (-decay).ln_1p()).exp(),
+            shrink: f64::from((1.0 - decay) as f32).powf(steps as f64),
             optimizer_steps: steps,
             weight_norms: earlier("weight_norm"),
             ratios: earlier("l2_ratio"),
@@ -132,22 +137,6 @@ impl Dose {
     }
 }
 
-/// Optimiser steps of one stage.
-fn optimizer_steps(config: &Config, timesteps: u64) -> u64 {
-    let envs = config.num_envs as u64;
-    match &config.algorithm {
-        Algorithm::Ppo(ppo) => {
-            let samples = ppo.n_steps as u64 * envs;
-            timesteps.div_ceil(samples) * ppo.n_epochs as u64 * samples.div_ceil(ppo.batch_size as u64)
-        }
-        Algorithm::Dqn(dqn) => {
-            let interval = dqn.train_freq * envs;
-            let updates = timesteps.div_ceil(interval).saturating_sub(dqn.learning_starts / interval);
-            updates * dqn.gradient_steps as u64
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -155,7 +144,7 @@ mod tests {
 
     #[test]
     fn the_published_penalty_does_nothing() {
-        let config = crate::config::resolve(Some("ppo-l2"), None, &[], None).unwrap();
+        let config = crate::agent::config::resolve(Some("ppo-l2"), None, &[], None).unwrap();
         let levels = coverage_env::BUILTIN_IDS.iter().filter_map(|id| Level::builtin(id)).collect();
         let dose = Dose::new(&config, &Curriculum::sequence(levels, 500_000).unwrap(), &Value::Null);
         // Five levels of 245 rollouts of 2,048 timesteps, each ten epochs of 32 minibatches.
@@ -168,7 +157,7 @@ mod tests {
 
     #[test]
     fn dqn_makes_a_step_every_fourth_timestep_after_its_start() {
-        let config = crate::config::resolve(Some("dqn"), None, &[], None).unwrap();
-        assert_eq!(optimizer_steps(&config, 1_000_000), 250_000 - 25);
+        let config = crate::agent::config::resolve(Some("dqn"), None, &[], None).unwrap();
+        assert_eq!(config.algorithm.optimizer_steps(&config, 1_000_000), 250_000 - 25);
     }
 }

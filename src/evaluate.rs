@@ -7,9 +7,9 @@ use coverage_env::planner::{PlanError, Planner};
 use coverage_env::random::{below, unit_f32, unit_f64};
 use coverage_env::{Action, CellSet, CoverageEnv, Level, Observation, State};
 
-use crate::agent::network::{Network, NetworkKind};
-use crate::agent::random::{Purpose, Stream};
+use crate::agent::network::{Network, Outputs};
 use crate::agent::{greedy, sample};
+use crate::random::{Purpose, Stream};
 use crate::results::{Episode, LevelResult};
 
 /// ε of a stochastic evaluation of DQN.
@@ -55,12 +55,12 @@ pub enum Choose {
 }
 
 impl Choose {
-    /// The stochastic choice that suits a network: sampling for a policy, ε-greedy for action values.
-    pub fn stochastic(network: &Network, seed: u64) -> Self {
+    /// The stochastic choice that suits these outputs: sampling for a policy, ε-greedy for action values.
+    pub fn stochastic(outputs: Outputs, seed: u64) -> Self {
         let stream = Stream::new(seed, 0, Purpose::EvaluationActions);
-        match network.kind() {
-            NetworkKind::ActorCritic => Self::Sample(stream),
-            NetworkKind::QNetwork => Self::EpsilonGreedy(stream),
+        match outputs {
+            Outputs::Logits => Self::Sample(stream),
+            Outputs::Values => Self::EpsilonGreedy(stream),
         }
     }
 
@@ -166,15 +166,15 @@ mod tests {
     use coverage_env::BUILTIN_IDS;
 
     use super::*;
-    use crate::{agent, config};
+    use crate::agent::config;
 
     #[test]
     fn asking_once_around_changes_no_episode() {
         let config = config::resolve(Some("ppo"), None, &[], None).unwrap();
         for (seed, id) in BUILTIN_IDS.into_iter().enumerate() {
             let level = Arc::new(Level::builtin(id).unwrap());
-            let network = agent::network(&config, &level);
-            let mut parameters = agent::fresh(&config, &level, seed as u64).parameters;
+            let network = config.network(&level);
+            let mut parameters = config.agent(&level, seed as u64).parameters;
             // Louder than at first, so that the policy has opinions: it walks about before it goes round.
             parameters.iter_mut().for_each(|parameter| *parameter *= 3.0);
             let found = super::network(&network, &parameters, &level, 200, Starts::Exhaustive, &mut Choose::Greedy);

@@ -12,6 +12,7 @@ pub mod error;
 pub mod evaluate;
 pub mod measure;
 pub mod messages;
+pub mod random;
 pub mod report;
 pub mod results;
 pub mod run;

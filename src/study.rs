@@ -10,8 +10,9 @@ use coverage_env::Level;
 use serde::Deserialize;
 use serde_saphyr::{Location, Spanned};
 
-use crate::agent::{self, Backend, Stage};
-use crate::config::{self, Config};
+use crate::agent::config::{self, Config};
+use crate::agent::engine::EngineKind;
+use crate::agent::{self, Stage};
 use crate::curriculum::Curriculum;
 use crate::error::UserError;
 use crate::text_file;
@@ -107,7 +108,7 @@ impl Study {
         let refuse = |at: Location, problem: &dyn Display| {
             UserError::new(format!("{}:{}:{}: {problem}", path.display(), at.line(), at.column()))
         };
-        config::check_name(&file.name.value).map_err(|problem| refuse(file.name.referenced, &problem))?;
+        crate::config::check_name(&file.name.value).map_err(|problem| refuse(file.name.referenced, &problem))?;
         let beside = |other: &Path| path.parent().unwrap_or(Path::new("")).join(other);
         let level = |id: &Spanned<LevelId>| {
             let level = match &id.value {
@@ -169,11 +170,11 @@ impl Study {
 }
 
 /// Timesteps per second of one seed of `config` on one thread of this machine, by a trial of a fraction of a second.
-pub fn measure_rate(config: &Config, level: &Level, backend: Backend) -> f64 {
+pub fn measure_rate(config: &Config, level: &Level, engine: EngineKind) -> f64 {
     // Nothing of the trial is kept, so that any seed will do.
-    let agent = agent::fresh(config, level, 0);
+    let agent = config.agent(level, 0);
     let stage = Stage { index: 0, level: level.clone().into(), timesteps: u64::MAX, horizon: u64::MAX };
-    let mut learner = agent::learner(config, &stage, vec![agent], backend);
+    let mut learner = agent::learner(config, &stage, vec![agent], engine);
     learner.advance();
     let (start, before) = (Instant::now(), learner.timesteps());
     while start.elapsed() < TRIAL {

@@ -1,26 +1,25 @@
 //! The learners: networks, optimiser, PPO and DQN over an axis of seeds. Nothing here touches a file or a terminal.
 
+pub mod algorithm;
+pub mod config;
 pub mod dqn;
+pub mod engine;
+pub mod mitigation;
 pub mod network;
 pub mod ppo;
-pub mod random;
 pub mod snapshot;
 pub mod state;
 
 mod choice;
 mod episodes;
-mod fused;
-pub(crate) mod stacked;
+mod observe;
 
 use std::sync::Arc;
 
-use bit_mlp::{BitBatch, GradientNorms};
-use coverage_env::{Level, Observation, VecEnv};
-use rand::Rng;
-use tch::Device;
+use coverage_env::Level;
 
-use crate::config::{Algorithm, Config, Kernel, L2, OptimizerConfig};
-use network::Network;
+use config::Config;
+use engine::EngineKind;
 use snapshot::{Snapshot, SnapshotError};
 use state::AgentState;
 
@@ -62,85 +61,15 @@ pub struct Stage {
     pub horizon: u64,
 }
 
-/// How networks are computed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Backend {
-    /// Hand-derived gradients on the CPU.
-    Fused,
-    /// libtorch and autograd on this device.
-    Autograd(Device),
-}
-
-impl Backend {
-    /// What `kernel` means on `device`.
-    ///
-    /// # Errors
-    /// In words, where the fused kernel is forced on a device that it does not know.
-    pub fn choose(kernel: Kernel, device: Device) -> Result<Self, String> {
-        match (kernel, device) {
-            (Kernel::Auto | Kernel::Fused, Device::Cpu) => Ok(Self::Fused),
-            (Kernel::Fused, _) => Err("kernel=fused runs on the CPU only: drop --device or kernel=fused".to_owned()),
-            (Kernel::Auto | Kernel::Autograd, device) => Ok(Self::Autograd(device)),
-        }
-    }
-
-    /// The name that manifests record.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Fused => "fused",
-            Self::Autograd(_) => "autograd",
-        }
-    }
-}
-
-/// An empty batch for observations of `level`, with what all of them share.
-fn observations(level: &Level) -> BitBatch {
-    let mut batch = BitBatch::default();
-    batch.set_constant(&Observation::constant_inputs(level));
-    batch
-}
-
-/// Writes the current observations of all environments into `batch`, `[N]` samples.
-fn observe<R: Rng>(envs: &VecEnv<R>, batch: &mut BitBatch) {
-    batch.clear();
-    for state in envs.states() {
-        batch.push_with(|rows| Observation::new(envs.level(), state).push_active(rows));
-    }
-}
-
-/// What tells how strongly an L2 penalty acts: the norm of all parameters and, where the penalty has a gradient, the
-/// ratio of its norm to that of the loss's gradient where the two are added, in the update's last minibatch.
-fn dose_metrics(agent: &AgentState, optimizer: &OptimizerConfig, norms: GradientNorms) -> Metrics {
-    let squares: f64 = agent.parameters.iter().map(|&p| f64::from(p).powi(2)).sum();
-    let mut row = vec![("train/weight_norm", squares.sqrt())];
-    let loss = f64::from(norms.loss);
-    let beside = match optimizer.l2 {
-        L2::Loss => Some(loss),
-        L2::Adam => Some(loss.min(optimizer.max_grad_norm)),
-        L2::None | L2::AdamW => None,
-    };
-    row.extend(beside.map(|loss| ("train/l2_ratio", f64::from(norms.penalty) / loss)));
-    row
-}
-
-/// The network that `config` trains on maps of this level's size.
-pub fn network(config: &Config, level: &Level) -> Network {
-    let inputs = Observation::len(level);
-    match config.algorithm {
-        Algorithm::Ppo(_) => Network::actor_critic(inputs, &config.hidden, config.activation),
-        Algorithm::Dqn(_) => Network::q_network(inputs, &config.hidden, config.activation),
-    }
-}
-
-/// A fresh agent as `config` wants it on maps of this level's size.
-pub fn fresh(config: &Config, level: &Level, seed: u64) -> AgentState {
-    AgentState::new(&network(config, level), seed, matches!(config.algorithm, Algorithm::Dqn(_)))
+/// ‖θ‖₂.
+fn weight_norm(agent: &AgentState) -> f64 {
+    agent.parameters.iter().map(|&p| f64::from(p).powi(2)).sum::<f64>().sqrt()
 }
 
 /// A learner at the beginning of `stage`, with agents as they come out of the stage before.
-pub fn learner(config: &Config, stage: &Stage, agents: Vec<AgentState>, backend: Backend) -> Box<dyn Learner> {
+pub fn learner(config: &Config, stage: &Stage, agents: Vec<AgentState>, engine: EngineKind) -> Box<dyn Learner> {
     let beginning = |agent| Snapshot::beginning(config, stage, agent);
-    build(config, stage, agents.into_iter().map(beginning).collect(), backend)
+    build(config, stage, agents.into_iter().map(beginning).collect(), engine)
 }
 
 /// A learner in the midst of `stage`, where its seeds were when these snapshots were taken; it goes on as if it had
@@ -152,17 +81,16 @@ pub fn resume(
     config: &Config,
     stage: &Stage,
     snapshots: Vec<Snapshot>,
-    backend: Backend,
+    engine: EngineKind,
 ) -> Result<Box<dyn Learner>, SnapshotError> {
     snapshots.iter().try_for_each(|snapshot| snapshot.check(config, stage))?;
     SnapshotError::unless_together(&snapshots)?;
-    Ok(build(config, stage, snapshots, backend))
+    Ok(build(config, stage, snapshots, engine))
 }
 
 /// A learner from snapshots that are known to fit.
-fn build(config: &Config, stage: &Stage, snapshots: Vec<Snapshot>, backend: Backend) -> Box<dyn Learner> {
-    match &config.algorithm {
-        Algorithm::Ppo(ppo) => Box::new(ppo::Ppo::new(config, ppo, stage, snapshots, backend)),
-        Algorithm::Dqn(dqn) => Box::new(dqn::Dqn::new(config, dqn, stage, snapshots, backend)),
-    }
+fn build(config: &Config, stage: &Stage, snapshots: Vec<Snapshot>, engine: EngineKind) -> Box<dyn Learner> {
+    let agents = snapshots.iter().map(|snapshot| snapshot.agent.clone()).collect();
+    let engine = engine::new(engine, config.parts(&stage.level, agents));
+    config.algorithm.learner(config, stage, snapshots, engine)
 }

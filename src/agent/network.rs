@@ -2,35 +2,57 @@
 
 use std::ops::Range;
 
-use bit_mlp::{Activation, Mlp};
-use coverage_env::Action;
+use bit_mlp::{Activation, Block, Mlp, Shape};
 use coverage_env::random::unit_f64;
 
-use super::random::Stream;
+use crate::random::Stream;
 
 /// The towers of one agent over one flat slice of P parameters.
 #[derive(Clone, Debug)]
 pub struct Network {
-    kind: NetworkKind,
+    layout: Layout,
     towers: Vec<Tower>,
-    activation: Activation,
 }
 
-/// What the outputs of a network mean.
+/// What all towers of a network have in common.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Layout {
+    /// Number of inputs.
+    pub inputs: usize,
+    /// Units of each hidden layer.
+    pub hidden: Vec<usize>,
+    /// What follows the sums of the hidden layers.
+    pub activation: Activation,
+    /// Whether the sums of the hidden layers are normalised.
+    pub layer_norm: bool,
+}
+
+/// What the outputs of the acting tower mean, one for each action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NetworkKind {
-    /// PPO's: logits of a policy, and a value.
-    ActorCritic,
-    /// DQN's: action values.
-    QNetwork,
+pub enum Outputs {
+    /// Logits of a policy, which can be sampled from.
+    Logits,
+    /// Action values.
+    Values,
+}
+
+/// One tower as an algorithm wants it.
+#[derive(Clone, Copy, Debug)]
+pub struct Head {
+    /// The prefix of its tensors' names.
+    pub name: &'static str,
+    /// How many outputs it has.
+    pub outputs: usize,
+    /// How its weights begin.
+    pub init: Init,
 }
 
 /// One named multilayer perceptron.
 #[derive(Clone, Debug)]
 pub struct Tower {
-    /// `policy`, `value` or `q`: the prefix of its tensors' names.
+    /// The prefix of its tensors' names.
     pub name: &'static str,
-    /// `[inputs, hidden…, outputs]`.
+    /// `[inputs, hidden…, outputs]`: the units of each layer.
     pub sizes: Vec<usize>,
     /// Its place in the flat slice.
     pub mlp: Mlp,
@@ -40,58 +62,52 @@ pub struct Tower {
 
 /// How the weights of a tower begin.
 #[derive(Clone, Copy, Debug)]
-enum Init {
+pub enum Init {
     /// Orthogonal with gain √2 in hidden layers and this gain in the last; biases 0 (Stable-Baselines3's PPO).
-    Orthogonal { head: f64 },
+    Orthogonal {
+        /// Gain of the last layer.
+        head: f64,
+    },
     /// PyTorch's `nn.Linear`: weights and biases uniform in ±1/√inputs.
     Uniform,
+}
+
+impl Layout {
+    /// The shape of a tower with so many outputs.
+    pub fn shape(&self, outputs: usize) -> Shape<'_> {
+        let Self { inputs, ref hidden, activation, layer_norm } = *self;
+        Shape { inputs, hidden, outputs, activation, layer_norm }
+    }
 }
 
 /// A layer's tensor within the flat slice.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TensorPlace {
-    /// `<tower>.<layer>.weight` or `<tower>.<layer>.bias`.
+    /// `<tower>.<layer>.<tensor>`: `weight`, `bias` and, of a norm, `scale` and `shift`.
     pub name: String,
-    /// `[in, out]` of a weight, `[out]` of a bias.
+    /// `[inputs, units]` of a weight, `[units]` of the others.
     pub shape: Vec<usize>,
     /// Where it lies.
     pub range: Range<usize>,
 }
 
 impl Network {
-    /// PPO's separate towers: a policy `[inputs] → [4]` and a value `[inputs] → [1]`.
-    pub fn actor_critic(inputs: usize, hidden: &[usize], activation: Activation) -> Self {
-        let policy = ("policy", Action::ALL.len(), Init::Orthogonal { head: 0.01 });
-        let heads = [policy, ("value", 1, Init::Orthogonal { head: 1.0 })];
-        Self::new(NetworkKind::ActorCritic, inputs, hidden, activation, &heads)
-    }
-
-    /// DQN's one tower: action values `[inputs] → [4]`.
-    pub fn q_network(inputs: usize, hidden: &[usize], activation: Activation) -> Self {
-        let heads = [("q", Action::ALL.len(), Init::Uniform)];
-        Self::new(NetworkKind::QNetwork, inputs, hidden, activation, &heads)
-    }
-
-    fn new(
-        kind: NetworkKind,
-        inputs: usize,
-        hidden: &[usize],
-        activation: Activation,
-        heads: &[(&'static str, usize, Init)],
-    ) -> Self {
+    /// A tower for each head, over the same inputs, with hidden layers alike.
+    pub fn new(layout: Layout, heads: &[Head]) -> Self {
         let mut offset = 0;
-        let towers = heads.iter().map(|&(name, outputs, init)| {
-            let sizes: Vec<usize> = [inputs].into_iter().chain(hidden.iter().copied()).chain([outputs]).collect();
-            let mlp = Mlp::new(&sizes, activation, offset);
+        let towers = heads.iter().map(|&Head { name, outputs, init }| {
+            let Layout { inputs, ref hidden, .. } = layout;
+            let sizes = [inputs].into_iter().chain(hidden.iter().copied()).chain([outputs]).collect();
+            let mlp = Mlp::from_shape(layout.shape(outputs), offset);
             offset += mlp.num_parameters();
             Tower { name, sizes, mlp, init }
         });
-        Self { kind, towers: towers.collect(), activation }
+        Self { towers: towers.collect(), layout }
     }
 
-    /// What its outputs mean.
-    pub fn kind(&self) -> NetworkKind {
-        self.kind
+    /// What its towers have in common.
+    pub fn layout(&self) -> &Layout {
+        &self.layout
     }
 
     /// The towers in the order of their parameters.
@@ -106,7 +122,7 @@ impl Network {
 
     /// Activation of the hidden layers.
     pub fn activation(&self) -> Activation {
-        self.activation
+        self.layout.activation
     }
 
     /// P.
@@ -116,26 +132,27 @@ impl Network {
 
     /// Number of inputs, 4·H·W.
     pub fn num_inputs(&self) -> usize {
-        self.towers[0].sizes[0]
+        self.layout.inputs
     }
 
     /// Every tensor in the order of the flat slice.
     pub fn tensors(&self) -> Vec<TensorPlace> {
         let of_tower = |tower: &Tower| {
             let name = tower.name;
-            let of_layer = |(i, layer): (usize, bit_mlp::Layer)| {
-                let shape = vec![layer.inputs, layer.outputs];
-                [
-                    TensorPlace { name: format!("{name}.{i}.weight"), shape, range: layer.weight },
-                    TensorPlace { name: format!("{name}.{i}.bias"), shape: vec![layer.outputs], range: layer.bias },
-                ]
+            let of_block = |(i, block): (usize, &Block)| {
+                let place = |place: bit_mlp::Place| TensorPlace {
+                    name: format!("{name}.{i}.{}", place.name),
+                    shape: place.shape,
+                    range: place.range,
+                };
+                block.places().into_iter().map(place).collect::<Vec<_>>()
             };
-            tower.mlp.layers().enumerate().flat_map(of_layer).collect::<Vec<_>>()
+            tower.mlp.blocks().iter().enumerate().flat_map(of_block).collect::<Vec<_>>()
         };
         self.towers.iter().flat_map(of_tower).collect()
     }
 
-    /// The ranges of all weights, biases left out, ascending.
+    /// The ranges of all weights, ascending; biases and norms are left out.
     pub fn weights(&self) -> Vec<Range<usize>> {
         let weights = self.tensors().into_iter().filter(|tensor| tensor.shape.len() == 2);
         weights.map(|tensor| tensor.range).collect()
@@ -146,12 +163,15 @@ impl Network {
         let mut parameters = vec![0.0; self.num_parameters()];
         for tower in &self.towers {
             let last = tower.sizes.len() - 2;
-            for (i, layer) in tower.mlp.layers().enumerate() {
+            for (i, layer) in tower.mlp.blocks().iter().enumerate() {
+                if let Some(norm) = &layer.norm {
+                    parameters[norm.scale.clone()].fill(1.0);
+                }
                 match tower.init {
                     Init::Orthogonal { head } => {
                         let gain = if i == last { head } else { std::f64::consts::SQRT_2 };
                         let weight = &mut parameters[layer.weight.clone()];
-                        orthogonal(weight, layer.inputs, layer.outputs, gain, stream);
+                        orthogonal(weight, layer.inputs, layer.width, gain, stream);
                     }
                     Init::Uniform => {
                         let bound = 1.0 / (layer.inputs as f64).sqrt();
@@ -194,22 +214,28 @@ fn orthogonal(weight: &mut [f32], rows: usize, columns: usize, gain: f64, stream
 
 #[cfg(test)]
 mod tests {
-    use super::super::random::Purpose;
     use super::*;
+    use crate::agent::algorithm;
+    use crate::random::Purpose;
+
+    fn network(algorithm: &str, inputs: usize, hidden: &[usize], activation: Activation) -> Network {
+        let layout = Layout { inputs, hidden: hidden.to_vec(), activation, layer_norm: false };
+        Network::new(layout, algorithm::by_name(algorithm).unwrap().heads())
+    }
 
     #[test]
     fn orthogonal_weights_have_their_gain() {
         for (inputs, hidden) in [(60, vec![16, 16]), (4, vec![16, 7])] {
-            let network = Network::actor_critic(inputs, &hidden, Activation::Tanh);
+            let network = network("ppo", inputs, &hidden, Activation::Tanh);
             let parameters = network.init(&mut Stream::new(1, 0, Purpose::Weights));
             for tower in network.towers() {
-                for (i, layer) in tower.mlp.layers().enumerate() {
+                for (i, layer) in tower.mlp.blocks().iter().enumerate() {
                     let head = if tower.name == "policy" { 0.01_f64 } else { 1.0 };
                     let gain = if i == hidden.len() { head * head } else { 2.0 };
                     let w = &parameters[layer.weight.clone()];
-                    let at = |r: usize, c: usize| f64::from(w[r * layer.outputs + c]);
-                    let (count, by_column) = (layer.inputs.min(layer.outputs), layer.inputs >= layer.outputs);
-                    let length = layer.inputs.max(layer.outputs);
+                    let at = |r: usize, c: usize| f64::from(w[r * layer.width + c]);
+                    let (count, by_column) = (layer.inputs.min(layer.width), layer.inputs >= layer.width);
+                    let length = layer.inputs.max(layer.width);
                     for a in 0..count {
                         for b in 0..count {
                             let entry = |k, v| if by_column { at(k, v) } else { at(v, k) };
@@ -218,7 +244,7 @@ mod tests {
                             assert!((dot - expected).abs() < 1e-6 * gain.max(1e-4), "{} {i}: {dot}", tower.name);
                         }
                     }
-                    assert!(parameters[layer.bias].iter().all(|&b| b == 0.0));
+                    assert!(parameters[layer.bias.clone()].iter().all(|&b| b == 0.0));
                 }
             }
         }
@@ -226,14 +252,14 @@ mod tests {
 
     #[test]
     fn uniform_weights_fill_their_interval() {
-        let network = Network::q_network(256, &[64, 64], Activation::Relu);
+        let network = network("dqn", 256, &[64, 64], Activation::Relu);
         let parameters = network.init(&mut Stream::new(1, 0, Purpose::Weights));
-        for layer in network.acting().layers() {
+        for layer in network.acting().blocks() {
             let bound = 1.0 / (layer.inputs as f32).sqrt();
             let weight = &parameters[layer.weight.clone()];
             let largest = weight.iter().fold(0.0_f32, |m, w| m.max(w.abs()));
             assert!(largest <= bound && largest > 0.98 * bound);
-            assert!(parameters[layer.bias].iter().all(|b| b.abs() <= bound && *b != 0.0));
+            assert!(parameters[layer.bias.clone()].iter().all(|b| b.abs() <= bound && *b != 0.0));
             let mean_square = weight.iter().map(|w| f64::from(w * w)).sum::<f64>() / weight.len() as f64;
             let expected = f64::from(bound * bound) / 3.0;
             assert!((mean_square / expected - 1.0).abs() < 0.2);
@@ -241,8 +267,23 @@ mod tests {
     }
 
     #[test]
+    fn norms_begin_as_the_identity() {
+        let layout = Layout { inputs: 60, hidden: vec![7, 5], activation: Activation::Crelu, layer_norm: true };
+        let network = Network::new(layout, algorithm::by_name("dqn").unwrap().heads());
+        let parameters = network.init(&mut Stream::new(1, 0, Purpose::Weights));
+        for tensor in network.tensors().into_iter().filter(|tensor| tensor.shape.len() == 1) {
+            let values = &parameters[tensor.range];
+            match tensor.name.rsplit('.').next() {
+                Some("scale") => assert!(values.iter().all(|&v| v == 1.0)),
+                Some("shift") => assert!(values.iter().all(|&v| v == 0.0)),
+                _ => assert!(values.iter().all(|&v| v != 0.0), "{}", tensor.name),
+            }
+        }
+    }
+
+    #[test]
     fn tensors_tile_the_flat_slice() {
-        let network = Network::actor_critic(256, &[64, 64], Activation::Tanh);
+        let network = network("ppo", 256, &[64, 64], Activation::Tanh);
         let mut end = 0;
         for tensor in network.tensors() {
             assert_eq!(tensor.range.start, end);

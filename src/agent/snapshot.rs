@@ -1,14 +1,15 @@
 //! One seed in the midst of a stage: all that the rest of the stage depends on.
 
+use std::collections::BTreeMap;
+
 use coverage_env::{State, StateError, VecEnv};
 use serde::{Deserialize, Serialize};
 
-use super::dqn::ReplayState;
+use super::Stage;
+use super::config::Config;
 use super::episodes::EpisodeWindow;
-use super::random::{Purpose, Stream, StreamState};
 use super::state::AgentState;
-use super::{Stage, network};
-use crate::config::{Algorithm, Config};
+use crate::random::{Purpose, Stream, StreamState};
 
 /// One seed between two calls of [`advance`](super::Learner::advance).
 ///
@@ -20,8 +21,56 @@ pub struct Snapshot {
     pub agent: AgentState,
     /// Where it stands in the stage.
     pub position: Position,
-    /// DQN's replay buffer.
-    pub replay: Option<ReplayState>,
+    /// What its algorithm keeps in the midst of a stage.
+    pub buffers: Buffers,
+}
+
+/// Arrays by name, which only the algorithm that put them there understands.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Buffers(BTreeMap<String, Buffer>);
+
+/// One array, row-major.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Buffer {
+    /// Its dimensions.
+    pub shape: Vec<usize>,
+    /// Its elements.
+    pub data: Data,
+}
+
+/// The elements of a [`Buffer`].
+#[derive(Clone, Debug, PartialEq)]
+pub enum Data {
+    /// Bytes.
+    U8(Vec<u8>),
+    /// 16-bit integers.
+    U16(Vec<u16>),
+    /// 64-bit integers.
+    U64(Vec<u64>),
+    /// Floats.
+    F32(Vec<f32>),
+}
+
+impl Buffers {
+    /// Adds an array, or replaces the one of this name.
+    pub fn add(&mut self, name: &str, shape: &[usize], data: Data) {
+        self.0.insert(name.to_owned(), Buffer { shape: shape.to_vec(), data });
+    }
+
+    /// The elements of the array of this name.
+    pub fn get(&self, name: &str) -> Option<&Data> {
+        self.0.get(name).map(|buffer| &buffer.data)
+    }
+
+    /// All arrays, by name.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &Buffer)> {
+        self.0.iter().map(|(name, buffer)| (name.as_str(), buffer))
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
 }
 
 /// Where a seed stands in a stage, N being the number of environments.
@@ -86,14 +135,16 @@ impl SnapshotError {
 
 impl Snapshot {
     /// The beginning of a stage, with an agent as it comes out of the stage before.
-    pub fn beginning(config: &Config, stage: &Stage, agent: AgentState) -> Self {
+    pub fn beginning(config: &Config, stage: &Stage, mut agent: AgentState) -> Self {
+        config.mitigations.begin_stage(&config.network(&stage.level), &mut agent, stage.index);
         let stream = |purpose| Stream::new(agent.seed, stage.index, purpose);
         let starts = (0..config.num_envs as u32).map(|i| stream(Purpose::Environment(i))).collect();
         let envs = VecEnv::new(stage.level.clone(), config.max_steps, starts);
         let [actions, minibatches] = [Purpose::Actions, Purpose::Minibatches].map(stream);
         let position = Position::of(0, &envs, &actions, &minibatches, &EpisodeWindow::default());
-        let replay = matches!(config.algorithm, Algorithm::Dqn(_)).then(ReplayState::default);
-        Self { agent, position, replay }
+        let mut snapshot = Self { agent, position, buffers: Buffers::default() };
+        config.algorithm.begin(&mut snapshot);
+        snapshot
     }
 
     /// Checks everything that a learner relies on, since a file need not be trusted.
@@ -102,14 +153,13 @@ impl Snapshot {
     /// The first thing that cannot be so in this stage under these settings.
     pub fn check(&self, config: &Config, stage: &Stage) -> Result<(), SnapshotError> {
         let wrong = |what: &str| Err(SnapshotError(what.to_owned()));
-        let Self { agent, position, replay } = self;
-        let parameters = network(config, &stage.level).num_parameters();
-        let dqn = if let Algorithm::Dqn(dqn) = &config.algorithm { Some(dqn) } else { None };
+        let Self { agent, position, .. } = self;
+        let parameters = config.network(&stage.level).num_parameters();
         let slices = [&agent.parameters, &agent.adam.exp_avg, &agent.adam.exp_avg_sq];
-        if slices.into_iter().chain(&agent.target).any(|slice| slice.len() != parameters) {
+        if slices.into_iter().chain(agent.kept.copies.values()).any(|slice| slice.len() != parameters) {
             return wrong("the network has another size");
         }
-        if agent.target.is_some() != dqn.is_some() || replay.is_some() != dqn.is_some() {
+        if config.algorithm.copies().iter().any(|&name| !agent.kept.copies.contains_key(name)) {
             return wrong("it belongs to another algorithm");
         }
         if position.timesteps > agent.counters.timesteps
@@ -136,10 +186,7 @@ impl Snapshot {
             return wrong("its window of episodes is not possible");
         }
         self.envs(config, stage)?;
-        if let (Some(dqn), Some(replay)) = (dqn, replay) {
-            replay.check(dqn.buffer_size, &stage.level).map_err(|what| SnapshotError(what.to_owned()))?;
-        }
-        Ok(())
+        config.algorithm.check_snapshot(self, &stage.level).map_err(SnapshotError)
     }
 
     /// The environments as they stand.

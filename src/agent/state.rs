@@ -1,9 +1,11 @@
 //! What an agent carries from one stage to the next.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use super::network::Network;
-use super::random::{Purpose, Stream};
+use crate::random::{Purpose, Stream};
 
 /// One seed's agent between stages; slices have length P, in the network's order.
 ///
@@ -17,8 +19,8 @@ pub struct AgentState {
     pub parameters: Vec<f32>,
     /// Adam's moments and step count.
     pub adam: AdamState,
-    /// DQN's target network.
-    pub target: Option<Vec<f32>>,
+    /// What algorithm and mitigations keep beside them.
+    pub kept: Kept,
     /// What has been counted since the first stage.
     pub counters: Counters,
 }
@@ -32,6 +34,18 @@ pub struct AdamState {
     pub exp_avg_sq: Vec<f32>,
     /// Steps taken, t.
     pub step: u64,
+}
+
+/// What an algorithm or a mitigation keeps, by name. Checkpoints hold all of it, so that nobody who keeps something has
+/// to write it down, and nobody can forget to.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Kept {
+    /// Slices laid out as the parameters are, `[P]`: DQN's `target`, the θ₀ of a penalty.
+    pub copies: BTreeMap<String, Vec<f32>>,
+    /// Lists of any length, `[n]`.
+    pub lists: BTreeMap<String, Vec<f32>>,
+    /// Counts.
+    pub numbers: BTreeMap<String, u64>,
 }
 
 /// Counts that go on over the stages.
@@ -48,13 +62,14 @@ pub struct Counters {
 }
 
 impl AgentState {
-    /// A fresh agent with the initial weights of `seed`; `target` says whether it has a target network.
-    pub fn new(network: &Network, seed: u64, target: bool) -> Self {
+    /// An agent from scratch with the initial weights of `seed`; `copies` names those of its parameters that it carries.
+    pub fn new(network: &Network, seed: u64, copies: &[&str]) -> Self {
         let parameters = network.init(&mut Stream::new(seed, 0, Purpose::Weights));
+        let copies = copies.iter().map(|&name| (name.to_owned(), parameters.clone())).collect();
         Self {
             seed,
             adam: AdamState::new(parameters.len()),
-            target: target.then(|| parameters.clone()),
+            kept: Kept { copies, ..Kept::default() },
             parameters,
             counters: Counters::default(),
         }

@@ -8,8 +8,8 @@ use coverage_env::planner::{AStar, Optimal, Planner, Random};
 
 use super::output::print_evaluations;
 use super::{StartArgs, parse_levels};
-use crate::agent::random::{Purpose, Stream};
 use crate::evaluate;
+use crate::random::{Purpose, Stream};
 use crate::report::Format;
 use crate::results::Evaluation;
 

@@ -66,7 +66,7 @@ impl EvalArgs {
     fn evaluate(&self, path: &Path, levels: Option<&[Level]>) -> Result<Evaluation> {
         let model = self.load(path, levels)?;
         let max_steps = self.max_steps.unwrap_or(model.max_steps);
-        let Checkpoint { network, agent, origin, .. } = &model.checkpoint;
+        let Checkpoint { algorithm, network, agent, origin, .. } = &model.checkpoint;
         let mut results = Vec::new();
         for level in model.levels {
             if (level.height(), level.width()) != (origin.height, origin.width) {
@@ -82,8 +82,11 @@ impl EvalArgs {
                 .into());
             }
             let starts = self.starts.starts();
-            let mut choose =
-                if self.stochastic { Choose::stochastic(network, self.starts.seed) } else { Choose::Greedy };
+            let mut choose = if self.stochastic {
+                Choose::stochastic(algorithm.outputs(), self.starts.seed)
+            } else {
+                Choose::Greedy
+            };
             let level = Arc::new(level);
             results.push(evaluate::network(network, &agent.parameters, &level, max_steps, starts, &mut choose));
         }

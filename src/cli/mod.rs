@@ -6,6 +6,7 @@ pub mod curriculum;
 pub mod eval;
 pub mod levels;
 mod output;
+mod process;
 pub mod runs;
 mod signals;
 pub mod study;
@@ -14,6 +15,8 @@ mod training;
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
+
+pub use process::main;
 
 use anyhow::Result;
 use clap::{Args, Parser, Subcommand};

@@ -11,7 +11,7 @@ use indicatif::HumanDuration;
 
 use super::training::{LaunchArgs, carry_out, conclude};
 use super::{Seeds, default_out};
-use crate::config::Config;
+use crate::agent::config::Config;
 use crate::curriculum::Curriculum;
 use crate::messages::{Verbosity, tell};
 use crate::run::manifest::Manifest;
@@ -84,7 +84,7 @@ impl StudyArgs {
         for arm in &study.arms {
             let name = arm.config.name.as_str();
             if queue.iter().any(|(config, left)| config.name == name && *left > 0) {
-                let rate = measure_rate(&arm.config, &study.levels[0], self.launch.backend(&arm.config)?);
+                let rate = measure_rate(&arm.config, &study.levels[0], self.launch.engine(&arm.config)?);
                 rates.insert(name, rate);
             }
         }

@@ -7,12 +7,11 @@ use std::time::Duration;
 use anyhow::{Result, anyhow};
 use clap::Args;
 use serde_json::Value;
-use tch::Device;
 use tracing::warn;
 
 use super::{Seeds, is_of_user, signals};
-use crate::agent::Backend;
-use crate::config::{self, Config};
+use crate::agent::config::{self, Config};
+use crate::agent::engine::{Device, EngineKind, NoEngine};
 use crate::curriculum::Curriculum;
 use crate::dose::Dose;
 use crate::error::{Interrupted, UserError};
@@ -61,7 +60,7 @@ pub struct LaunchArgs {
     #[arg(long, value_name = "T", value_parser = parse_minutes)]
     checkpoint_minutes: Option<Minutes>,
     /// Where networks are computed: cpu, cuda or cuda:N.
-    #[arg(long, value_name = "DEVICE", default_value = "cpu", value_parser = parse_device)]
+    #[arg(long, value_name = "DEVICE", default_value = "cpu")]
     device: Device,
     /// Timesteps between two measurements of plasticity (plasticity.csv); 0 for none. It changes no other result.
     #[arg(long, value_name = "N", default_value_t = 65_536)]
@@ -78,16 +77,6 @@ fn parse_minutes(text: &str) -> Result<Minutes, String> {
     let minutes = text.parse::<f64>().ok().filter(|minutes| (0.0..=1e6).contains(minutes));
     let minutes = minutes.ok_or("expected a number of minutes, such as 2 or 0.5")?;
     Ok((minutes > 0.0).then(|| Duration::from_secs_f64(60.0 * minutes)))
-}
-
-fn parse_device(text: &str) -> Result<Device, String> {
-    let index = match text.split_once(':') {
-        None if text == "cpu" => return Ok(Device::Cpu),
-        None if text == "cuda" => Some(0),
-        Some(("cuda", index)) => index.parse().ok(),
-        _ => None,
-    };
-    index.map(Device::Cuda).ok_or_else(|| format!("expected cpu, cuda or cuda:N, got {text:?}"))
 }
 
 impl TrainingArgs {
@@ -132,15 +121,20 @@ impl LaunchArgs {
     /// How `config` is computed.
     ///
     /// # Errors
-    /// A device that does not suit the kernel.
-    pub fn backend(&self, config: &Config) -> Result<Backend> {
-        Ok(Backend::choose(config.kernel, self.device).map_err(UserError::new)?)
+    /// A device that is not there or does not suit the engine.
+    pub fn engine(&self, config: &Config) -> Result<EngineKind> {
+        let kind = EngineKind::choose(config.engine, self.device).inspect_err(|problem| {
+            if let NoEngine::NotLinked(_) = problem {
+                super::process::hand_over();
+            }
+        });
+        Ok(kind.map_err(|problem| UserError::new(problem.to_string()))?)
     }
 
     /// An experiment.
     ///
     /// # Errors
-    /// A device that is not there or does not suit the kernel, and a network too large for any machine.
+    /// A device that is not there or does not suit the engine, and a network too large for any machine.
     pub fn experiment(
         &self,
         config: Config,
@@ -148,25 +142,15 @@ impl LaunchArgs {
         seeds: &[u64],
         default_out: &Path,
     ) -> Result<Experiment> {
-        if let Device::Cuda(index) = self.device {
-            let count = usize::try_from(tch::Cuda::device_count()).unwrap_or(0);
-            if index >= count {
-                return Err(UserError::new(format!(
-                    "--device cuda:{index}: libtorch sees {count} CUDA devices; build against a CUDA libtorch by \
-                     setting LIBTORCH to it (see docs/install.md)"
-                ))
-                .into());
-            }
-        }
         let cells = curriculum.levels.iter().map(|level| level.len()).max().unwrap_or(0);
         config.check_size(cells).map_err(UserError::new)?;
-        let backend = self.backend(&config)?;
+        let engine = self.engine(&config)?;
         Ok(Experiment {
             config,
             curriculum,
             seeds: seeds.to_vec(),
             out: self.out(default_out),
-            backend,
+            engine,
             resume: self.resume,
             plasticity_interval: self.plasticity_interval,
             saving: self.saving(),

@@ -1,4 +1,4 @@
-//! What one setting is: a place in a [`Config`](super::Config), the values it allows, and its form in files.
+//! What one setting is: a place in memory, the values it allows, and its form in files.
 
 use std::ops::RangeInclusive;
 
@@ -32,7 +32,7 @@ struct Integer<'a, T> {
 }
 
 /// An integer within `range`.
-pub(super) fn integer<'a, T>(place: &'a mut T, range: RangeInclusive<u64>) -> impl Field + 'a
+pub fn integer<'a, T>(place: &'a mut T, range: RangeInclusive<u64>) -> impl Field + 'a
 where
     T: Copy + TryFrom<u64> + TryInto<u64>,
 {
@@ -76,22 +76,22 @@ impl<'a> Float<'a> {
 }
 
 /// A finite number above 0.
-pub(super) fn positive(place: &mut f64) -> impl Field + '_ {
+pub fn positive(place: &mut f64) -> impl Field + '_ {
     Float::new(place, "a number above 0", |v| v > 0.0)
 }
 
 /// A finite number, 0 or above.
-pub(super) fn non_negative(place: &mut f64) -> impl Field + '_ {
+pub fn non_negative(place: &mut f64) -> impl Field + '_ {
     Float::new(place, "a number, 0 or above", |v| v >= 0.0)
 }
 
 /// A number from 0 to 1.
-pub(super) fn fraction(place: &mut f64) -> impl Field + '_ {
+pub fn fraction(place: &mut f64) -> impl Field + '_ {
     Float::new(place, "a number from 0 to 1", |v| (0.0..=1.0).contains(&v))
 }
 
 /// A finite number of `least` or more.
-pub(super) fn at_least(place: &mut f64, least: f64) -> impl Field + '_ {
+pub fn at_least(place: &mut f64, least: f64) -> impl Field + '_ {
     Float::new(place, format!("a number of {least:e} or more"), move |v| v >= least)
 }
 
@@ -110,7 +110,7 @@ impl Field for Float<'_> {
 struct Flag<'a>(&'a mut bool);
 
 /// `true` or `false`.
-pub(super) fn flag(place: &mut bool) -> impl Field + '_ {
+pub fn flag(place: &mut bool) -> impl Field + '_ {
     Flag(place)
 }
 
@@ -128,7 +128,7 @@ impl Field for Flag<'_> {
 struct OneOf<'a, T>(&'a mut T);
 
 /// One of the names of a [`Choice`].
-pub(super) fn choice<T: Choice>(place: &mut T) -> impl Field + '_ {
+pub fn choice<T: Choice>(place: &mut T) -> impl Field + '_ {
     OneOf(place)
 }
 
@@ -155,7 +155,7 @@ struct List<'a> {
 }
 
 /// A list of integers; `length` and `each` bound its length and its entries.
-pub(super) fn list(place: &mut Vec<usize>, length: RangeInclusive<usize>, each: RangeInclusive<u64>) -> impl Field {
+pub fn list(place: &mut Vec<usize>, length: RangeInclusive<usize>, each: RangeInclusive<u64>) -> impl Field {
     List { place, length, each }
 }
 
@@ -169,6 +169,34 @@ impl Field for List<'_> {
             let entries = within("integers", &self.each);
             format!("a list of {} to {} {entries}, such as [64, 64]", self.length.start(), self.length.end())
         })?;
+        Ok(())
+    }
+
+    fn get(&self) -> Value {
+        self.place.clone().into()
+    }
+}
+
+struct Names<'a> {
+    place: &'a mut Vec<&'static str>,
+    known: Vec<&'static str>,
+}
+
+/// A list of different names out of `known`, in any order.
+pub fn names<'a>(place: &'a mut Vec<&'static str>, known: Vec<&'static str>) -> impl Field + 'a {
+    Names { place, known }
+}
+
+impl Field for Names<'_> {
+    fn set(&mut self, value: &Value) -> Result<(), String> {
+        let taken = value.as_array().and_then(|list| {
+            let name = |v: &Value| v.as_str().and_then(|v| self.known.iter().copied().find(|known| *known == v));
+            list.iter().map(name).collect::<Option<Vec<&'static str>>>()
+        });
+        let differ = |list: &Vec<&str>| list.iter().enumerate().all(|(i, name)| !list[..i].contains(name));
+        let allowed =
+            || format!("a list of different names out of {}, such as [{}]", self.known.join(", "), self.known[0]);
+        *self.place = taken.filter(differ).ok_or_else(allowed)?;
         Ok(())
     }
 

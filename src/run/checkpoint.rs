@@ -2,6 +2,7 @@
 //!
 //! docs/checkpoints.md describes the format for readers in other languages; `python/` reads and writes it too.
 
+use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -9,10 +10,12 @@ use bit_mlp::Activation;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use super::agent_file::{self, Described};
 use super::atomic;
-use super::container::{self, Container, FORMAT, NO_CRC, Tensor, not_ours};
-use crate::agent::network::{Network, NetworkKind, Tower};
-use crate::agent::state::{AdamState, AgentState, Counters};
+use super::container::{self, Container, FORMAT, NO_CRC, not_ours};
+use crate::agent::algorithm::{self, Algorithm};
+use crate::agent::network::{Layout, Network, Tower};
+use crate::agent::state::{AgentState, Counters};
 use crate::config::Choice;
 
 pub use super::container::FileError;
@@ -23,6 +26,8 @@ const KIND: &str = "stage";
 /// A stage's agent, and what is known of where it comes from.
 #[derive(Clone, Debug)]
 pub struct Checkpoint {
+    /// The algorithm that trained it, with its default settings.
+    pub algorithm: Box<dyn Algorithm>,
     /// Its network.
     pub network: Network,
     /// The agent.
@@ -59,6 +64,9 @@ struct Header {
     kind: String,
     algorithm: String,
     activation: String,
+    /// Files of networks without norms have no such field.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    layer_norm: bool,
     towers: Map<String, Value>,
     height: usize,
     width: usize,
@@ -69,6 +77,9 @@ struct Header {
     level: Option<String>,
     source: String,
     counters: Counters,
+    /// What mitigations count; files of agents without them have no such field.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    extra: BTreeMap<String, u64>,
 }
 
 /// A checkpoint that cannot be read: the file, what is wrong, and how to mend it.
@@ -82,17 +93,14 @@ pub struct CheckpointError {
 impl Checkpoint {
     /// The bytes of the file.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let algorithm = match self.network.kind() {
-            NetworkKind::ActorCritic => "ppo",
-            NetworkKind::QNetwork => "dqn",
-        };
         let towers = self.network.towers().iter().map(|t| (t.name.to_owned(), Value::from(t.sizes.clone())));
         let header = Header {
             crc32: NO_CRC.to_owned(),
             format: FORMAT,
             kind: KIND.to_owned(),
-            algorithm: algorithm.to_owned(),
+            algorithm: self.algorithm.name().to_owned(),
             activation: self.network.activation().name().to_owned(),
+            layer_norm: self.network.layout().layer_norm,
             towers: towers.collect(),
             height: self.origin.height,
             width: self.origin.width,
@@ -103,17 +111,9 @@ impl Checkpoint {
             level: self.origin.level.clone(),
             source: self.origin.source.clone(),
             counters: self.agent.counters,
+            extra: self.agent.kept.numbers.clone(),
         };
-        let places = self.network.tensors();
-        let mut tensors: Vec<Tensor> = Tensor::network("", &places, &self.agent.parameters).collect();
-        if self.has_adam {
-            tensors.extend(Tensor::network("exp_avg/", &places, &self.agent.adam.exp_avg));
-            tensors.extend(Tensor::network("exp_avg_sq/", &places, &self.agent.adam.exp_avg_sq));
-        }
-        if let Some(target) = &self.agent.target {
-            tensors.extend(Tensor::network("target/", &places, target));
-        }
-        container::to_bytes(&header, &tensors)
+        container::to_bytes(&header, &agent_file::tensors(&self.agent, &self.network.tensors(), self.has_adam))
     }
 
     /// Writes the file.
@@ -145,21 +145,20 @@ impl Checkpoint {
     /// Takes it out of a file that fits its checksum.
     fn take(mut file: Container<'_>) -> Result<Self, String> {
         let header: Header = serde_json::from_str(&file.header).map_err(not_ours)?;
-        let network = header.network()?;
-        let places = network.tensors();
-        let parameters = file.network("", &places)?.ok_or_else(|| not_ours("its weights are missing"))?;
-        let moments = file.network("exp_avg/", &places)?.zip(file.network("exp_avg_sq/", &places)?);
-        let has_adam = moments.is_some();
-        let adam = match moments {
-            Some((exp_avg, exp_avg_sq)) => AdamState { exp_avg, exp_avg_sq, step: header.adam_step },
-            None => AdamState::new(parameters.len()),
+        let algorithm =
+            algorithm::by_name(&header.algorithm).ok_or_else(|| format!("unknown algorithm {:?}", header.algorithm))?;
+        let network = header.network(&*algorithm)?;
+        let described = Described {
+            seed: header.seed.unwrap_or(0),
+            adam_step: header.adam_step,
+            counters: Counters { timesteps: header.num_timesteps, ..header.counters },
+            numbers: header.extra,
         };
-        let target = file.network("target/", &places)?;
+        let (agent, has_adam) = agent_file::take(&mut file, &network.tensors(), described)?;
         file.finish()?;
-        let seed = header.seed.unwrap_or(0);
-        let counters = Counters { timesteps: header.num_timesteps, ..header.counters };
         Ok(Self {
-            agent: AgentState { seed, parameters, adam, target, counters },
+            algorithm,
+            agent,
             network,
             has_adam,
             origin: Origin {
@@ -176,7 +175,7 @@ impl Checkpoint {
 
 impl Header {
     /// The network that the header describes, its sizes bounded before anything is allocated.
-    fn network(&self) -> Result<Network, String> {
+    fn network(&self, algorithm: &dyn Algorithm) -> Result<Network, String> {
         let activation = Activation::ALL.iter().find(|(name, _)| *name == self.activation);
         let (_, activation) = activation.ok_or_else(|| format!("unknown activation {:?}", self.activation))?;
         let inputs = self.height.checked_mul(self.width).and_then(|cells| cells.checked_mul(4)).unwrap_or(0);
@@ -189,11 +188,8 @@ impl Header {
             return Err(format!("towers {} are not possible", Value::from(self.towers.clone())));
         }
         let hidden = &sizes[1..sizes.len() - 1];
-        let network = match self.algorithm.as_str() {
-            "ppo" => Network::actor_critic(inputs, hidden, *activation),
-            "dqn" => Network::q_network(inputs, hidden, *activation),
-            other => return Err(format!("unknown algorithm {other:?}")),
-        };
+        let layout = Layout { inputs, hidden: hidden.to_vec(), activation: *activation, layer_norm: self.layer_norm };
+        let network = Network::new(layout, algorithm.heads());
         let fits = |t: &Tower| self.towers.get(t.name) == Some(&Value::from(t.sizes.clone()));
         if self.towers.len() != network.towers().len() || !network.towers().iter().all(fits) {
             return Err(format!(
@@ -212,22 +208,27 @@ impl Header {
 mod tests {
     use super::*;
 
-    fn checkpoint(network: Network, target: bool) -> Checkpoint {
-        let mut agent = AgentState::new(&network, 3, target);
+    fn checkpoint(algorithm: &str, inputs: usize, hidden: &[usize], activation: Activation) -> Checkpoint {
+        let algorithm = algorithm::by_name(algorithm).unwrap();
+        let layout = Layout { inputs, hidden: hidden.to_vec(), activation, layer_norm: false };
+        let network = Network::new(layout, algorithm.heads());
+        let mut agent = AgentState::new(&network, 3, algorithm.copies());
         agent.adam.step = 17;
         agent.adam.exp_avg.iter_mut().enumerate().for_each(|(i, m)| *m = i as f32);
         agent.counters = Counters { timesteps: 4096, updates: 20, target_calls: 4096 };
         let level = Some("a \"quoted\" level".to_owned());
         let source = "cpp-rl test".to_owned();
         let origin = Origin { height: 3, width: 5, seed: Some(3), stage: Some(0), level, source };
-        Checkpoint { network, agent, has_adam: true, origin }
+        Checkpoint { algorithm, network, agent, has_adam: true, origin }
     }
 
     fn both() -> [Checkpoint; 2] {
-        [
-            checkpoint(Network::actor_critic(60, &[7, 5], Activation::Tanh), false),
-            checkpoint(Network::q_network(60, &[6], Activation::Relu), true),
-        ]
+        let mut ppo = checkpoint("ppo", 60, &[7, 5], Activation::Tanh);
+        let first = ppo.agent.parameters.clone();
+        ppo.agent.kept.copies.insert("first".to_owned(), first);
+        ppo.agent.kept.lists.insert("a/list".to_owned(), vec![0.5, -1.0]);
+        ppo.agent.kept.numbers.insert("a/number".to_owned(), 1 << 60);
+        [ppo, checkpoint("dqn", 60, &[6], Activation::Relu)]
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The files that hold tensors: safetensors with a header of our own and a checksum over every byte.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::Path;
@@ -116,7 +116,7 @@ pub(super) struct Container<'a> {
     /// The header, as JSON.
     pub header: String,
     tensors: SafeTensors<'a>,
-    taken: usize,
+    taken: BTreeSet<String>,
 }
 
 /// What is said of a file that is no file of ours, or none any more.
@@ -143,12 +143,29 @@ impl<'a> Container<'a> {
         check_crc(bytes).map_err(FileError::Damaged)?;
         check_format(text, kind).map_err(FileError::Foreign)?;
         let tensors = SafeTensors::deserialize(bytes).map_err(|error| FileError::Foreign(not_ours(error)))?;
-        Ok(Self { header: text.clone(), tensors, taken: 0 })
+        Ok(Self { header: text.clone(), tensors, taken: BTreeSet::new() })
     }
 
     /// The shape of a tensor, where there is one of this name.
     pub(super) fn shape(&self, name: &str) -> Option<Vec<usize>> {
         self.tensors.tensor(name).ok().map(|tensor| tensor.shape().to_vec())
+    }
+
+    /// The names of the tensors that nobody has taken yet.
+    pub(super) fn left(&self) -> impl Iterator<Item = String> {
+        let names = self.tensors.names().into_iter().map(str::to_owned);
+        names.filter(|name| !self.taken.contains(name)).collect::<BTreeSet<_>>().into_iter()
+    }
+
+    /// What stands before `name` in the names of tensors that nobody has taken yet.
+    pub(super) fn prefixes_of(&self, name: &str) -> Vec<String> {
+        let prefix = |left: String| left.strip_suffix(name).filter(|prefix| prefix.ends_with('/')).map(str::to_owned);
+        self.left().filter_map(prefix).collect()
+    }
+
+    /// The type of a tensor's elements, where there is one of this name.
+    pub(super) fn dtype(&self, name: &str) -> Option<Dtype> {
+        self.tensors.tensor(name).ok().map(|tensor| tensor.dtype())
     }
 
     /// The bytes of a tensor, or nothing where there is none of this name.
@@ -157,7 +174,7 @@ impl<'a> Container<'a> {
         if tensor.dtype() != dtype || tensor.shape() != shape {
             return Err(format!("tensor {name} is not {dtype:?} of shape {shape:?}"));
         }
-        self.taken += 1;
+        self.taken.insert(name.to_owned());
         Ok(Some(tensor.data()))
     }
 
@@ -177,7 +194,7 @@ impl<'a> Container<'a> {
 
     /// Refuses tensors that nobody has taken.
     pub(super) fn finish(self) -> Result<(), String> {
-        if self.taken == self.tensors.len() {
+        if self.left().next().is_none() {
             return Ok(());
         }
         Err(not_ours("it holds tensors that its header does not name"))

@@ -9,6 +9,7 @@ use serde_json::{Map, Value};
 use super::atomic;
 use super::container::NO_CRC;
 use super::logs::Marks;
+use crate::agent::engine;
 use crate::error::UserError;
 use crate::text_file::{self, TextError};
 
@@ -122,7 +123,7 @@ pub struct Versions {
     pub cpp_rl: String,
     /// Its commit, `-dirty` if the tree had changes.
     pub git: String,
-    /// libtorch as it was built against.
+    /// libtorch as it was built against; `none` where it is not linked.
     pub libtorch: String,
 }
 
@@ -144,7 +145,7 @@ impl Versions {
         Self {
             cpp_rl: text(env!("CARGO_PKG_VERSION")),
             git: text(env!("CPP_RL_GIT")),
-            libtorch: text(env!("CPP_RL_LIBTORCH")),
+            libtorch: text(engine::libtorch().map_or("none", |libtorch| libtorch.version())),
         }
     }
 }

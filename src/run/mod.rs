@@ -4,6 +4,7 @@
 //! far the logs had grown; on resume they are cut back to that, and what comes after is made anew, byte by byte. All
 //! other files appear whole or not at all. docs/reliability.md tells it for users.
 
+mod agent_file;
 mod atomic;
 pub mod checkpoint;
 mod container;
@@ -26,11 +27,12 @@ use anyhow::{Context, Result};
 use event_file::SessionStatus;
 use serde_json::Value;
 
+use crate::agent::algorithm::Algorithm;
+use crate::agent::config::Config;
 use crate::agent::network::Network;
 use crate::agent::snapshot::Snapshot;
 use crate::agent::state::AgentState;
-use crate::agent::{self, Metrics, Stage};
-use crate::config::Config;
+use crate::agent::{Metrics, Stage};
 use crate::dose::StageDose;
 use crate::error::UserError;
 use crate::measure::probe::Measurement;
@@ -77,6 +79,7 @@ pub struct RunDir {
     evaluations: Vec<Row>,
     /// That of the file of evaluations as it stands.
     evaluated: Mark,
+    algorithm: Box<dyn Algorithm>,
     network: Network,
     extensible: bool,
     /// The newest file to go on from.
@@ -126,7 +129,7 @@ impl RunDir {
         for directory in [path, &path.join("checkpoints"), &folder] {
             atomic::sweep(directory).with_context(|| format!("cannot tidy up {}", directory.display()))?;
         }
-        let network = agent::network(plan.config, &plan.stages[0].level);
+        let network = plan.config.network(&plan.stages[0].level);
         let Found { standing, marks, seconds, file, damaged, mut notices } =
             standing::find(path, &manifest, plan, &network, extended)?;
         if let Standing::Finished = standing {
@@ -162,6 +165,7 @@ impl RunDir {
             logs,
             evaluations,
             evaluated,
+            algorithm: plan.config.algorithm.clone(),
             network,
             extensible: plan.extensible,
             newest: file,
@@ -293,6 +297,7 @@ impl RunDir {
         }
         self.logs.sync()?;
         let checkpoint = Checkpoint {
+            algorithm: self.algorithm.clone(),
             network: self.network.clone(),
             agent: agent.clone(),
             has_adam: true,

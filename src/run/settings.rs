@@ -7,6 +7,7 @@ use serde_json::{Map, Value};
 
 use super::Plan;
 use super::manifest::{self, Manifest, StageEntry};
+use crate::agent::config::Config;
 use crate::error::UserError;
 
 /// The manifest that a run goes on with, and whether it was finished and is to be extended.
@@ -37,7 +38,9 @@ fn refuse_changes(run: &Path, old: &Manifest, plan: &Plan<'_>) -> Result<()> {
     let new = &plan.manifest;
     let timesteps = |manifest: &Manifest| manifest.stages.iter().map(|stage| stage.timesteps).sum::<u64>();
     let extended = plan.extensible && old.stages.len() == new.stages.len() && timesteps(old) < timesteps(new);
-    let mut changes = differences(&old.config, &new.config);
+    // Of an earlier version, in today's words.
+    let recorded = Config::recorded(&old.config).map_or_else(|_| old.config.clone(), |config| config.to_json());
+    let mut changes = differences(&recorded, &new.config);
     changes.retain(|change| !(extended && change.starts_with("timesteps: ")));
     let same = |(old, new): (&StageEntry, &StageEntry)| {
         (&old.level, &old.map) == (&new.level, &new.map) && (extended || old.timesteps == new.timesteps)
@@ -49,7 +52,7 @@ fn refuse_changes(run: &Path, old: &Manifest, plan: &Plan<'_>) -> Result<()> {
     }
     let seeds = [old.seed, new.seed].map(|seed| seed.to_string());
     let others =
-        [("seed", &seeds[0], &seeds[1]), ("kernel", &old.kernel, &new.kernel), ("device", &old.device, &new.device)];
+        [("seed", &seeds[0], &seeds[1]), ("engine", &old.kernel, &new.kernel), ("device", &old.device, &new.device)];
     for (key, old, new) in others {
         if old != new {
             changes.push(format!("{key}: {old} → {new}"));

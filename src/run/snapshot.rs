@@ -1,5 +1,6 @@
 //! The file of a [`Snapshot`]: what a run that was stopped in the midst of a stage goes on from.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -7,13 +8,13 @@ use std::path::{Path, PathBuf};
 use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
 
+use super::agent_file::{self, Described};
 use super::atomic;
 use super::container::{self, Container, FORMAT, FileError, NO_CRC, Tensor, not_ours};
 use super::logs::Marks;
-use crate::agent::dqn::ReplayState;
 use crate::agent::network::Network;
-use crate::agent::snapshot::{Position, Snapshot};
-use crate::agent::state::{AdamState, AgentState, Counters};
+use crate::agent::snapshot::{Buffer, Buffers, Data, Position, Snapshot};
+use crate::agent::state::Counters;
 use crate::dose::StageDose;
 
 /// What the header calls these files.
@@ -51,8 +52,12 @@ struct Header {
     adam_step: u64,
     counters: Counters,
     position: Position,
-    /// Transitions of the replay buffer, and the slot that is filled next.
-    replay: Option<(usize, usize)>,
+    /// Up to version 0.1.0: transitions of the replay buffer, and the slot that is filled next.
+    #[serde(default, skip_serializing)]
+    replay: Option<(u64, u64)>,
+    /// What mitigations count.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    extra: BTreeMap<String, u64>,
     dose: StageDose,
     seconds: f64,
     marks: Marks,
@@ -115,15 +120,9 @@ impl SavedSnapshot {
     }
 
     fn to_bytes(&self, network: &Network) -> Vec<u8> {
-        let Snapshot { agent, position, replay } = &self.snapshot;
-        let places = network.tensors();
-        let mut tensors: Vec<Tensor> = Tensor::network("", &places, &agent.parameters).collect();
-        tensors.extend(Tensor::network("exp_avg/", &places, &agent.adam.exp_avg));
-        tensors.extend(Tensor::network("exp_avg_sq/", &places, &agent.adam.exp_avg_sq));
-        if let Some(target) = &agent.target {
-            tensors.extend(Tensor::network("target/", &places, target));
-        }
-        tensors.extend(replay.iter().flat_map(replay_tensors));
+        let Snapshot { agent, position, buffers } = &self.snapshot;
+        let mut tensors = agent_file::tensors(agent, &network.tensors(), true);
+        tensors.extend(buffers.iter().map(|(name, buffer)| tensor(name, buffer)));
         let header = Header {
             crc32: NO_CRC.to_owned(),
             format: FORMAT,
@@ -134,7 +133,8 @@ impl SavedSnapshot {
             adam_step: agent.adam.step,
             counters: agent.counters,
             position: position.clone(),
-            replay: replay.as_ref().map(|replay| (replay.actions.len(), replay.next)),
+            replay: None,
+            extra: agent.kept.numbers.clone(),
             dose: self.dose,
             seconds: self.seconds,
             marks: self.marks.clone(),
@@ -150,25 +150,24 @@ impl SavedSnapshot {
     /// Takes it out of a file that fits its checksum.
     fn take(mut file: Container<'_>, network: &Network) -> Result<Self, String> {
         let header: Header = serde_json::from_str(&file.header).map_err(not_ours)?;
-        let places = network.tensors();
-        let mut flat = |prefix| file.network(prefix, &places);
-        let missing = || not_ours("some of its weights are missing");
-        let parameters = flat("")?.ok_or_else(missing)?;
-        let exp_avg = flat("exp_avg/")?.ok_or_else(missing)?;
-        let exp_avg_sq = flat("exp_avg_sq/")?.ok_or_else(missing)?;
-        let target = flat("target/")?;
-        let replay = header.replay.map(|(len, next)| take_replay(&mut file, len, next)).transpose()?;
-        file.finish()?;
-        let agent = AgentState {
+        let described = Described {
             seed: header.seed,
-            parameters,
-            adam: AdamState { exp_avg, exp_avg_sq, step: header.adam_step },
-            target,
+            adam_step: header.adam_step,
             counters: Counters { timesteps: header.num_timesteps, ..header.counters },
+            numbers: header.extra,
         };
+        let (agent, has_adam) = agent_file::take(&mut file, &network.tensors(), described)?;
+        if !has_adam {
+            return Err(not_ours("its optimiser state is missing"));
+        }
+        let mut buffers = take_buffers(&mut file)?;
+        if let Some((_, next)) = header.replay {
+            buffers.add("replay/next", &[1], Data::U64(vec![next]));
+        }
+        file.finish()?;
         Ok(Self {
             stage: header.stage,
-            snapshot: Snapshot { agent, position: header.position, replay },
+            snapshot: Snapshot { agent, position: header.position, buffers },
             dose: header.dose,
             seconds: header.seconds,
             marks: header.marks,
@@ -176,49 +175,42 @@ impl SavedSnapshot {
     }
 }
 
-/// The replay buffer's tensors; K transitions, the observations before and after each.
-fn replay_tensors(replay: &ReplayState) -> [Tensor; 5] {
-    let len = replay.actions.len();
-    let words = replay.visited.len() / (2 * len).max(1);
-    let tensor = |name: &str, dtype, shape: &[usize], bytes| Tensor {
-        name: format!("replay/{name}"),
-        dtype,
-        shape: shape.to_vec(),
-        bytes,
+/// An array as the file has it.
+fn tensor(name: &str, Buffer { shape, data }: &Buffer) -> Tensor {
+    let (dtype, bytes) = match data {
+        Data::U8(values) => (Dtype::U8, values.clone()),
+        Data::U16(values) => (Dtype::U16, values.iter().flat_map(|v| v.to_le_bytes()).collect()),
+        Data::U64(values) => (Dtype::U64, values.iter().flat_map(|v| v.to_le_bytes()).collect()),
+        Data::F32(values) => (Dtype::F32, values.iter().flat_map(|v| v.to_le_bytes()).collect()),
     };
-    [
-        tensor("cells", Dtype::U16, &[len, 2], replay.cells.iter().flat_map(|v| v.to_le_bytes()).collect()),
-        tensor("visited", Dtype::U64, &[len, 2, words], replay.visited.iter().flat_map(|v| v.to_le_bytes()).collect()),
-        tensor("actions", Dtype::U8, &[len], replay.actions.clone()),
-        Tensor::floats("replay/rewards", &[len], &replay.rewards),
-        tensor("terminated", Dtype::U8, &[len], replay.terminated.iter().map(|&t| u8::from(t)).collect()),
-    ]
+    Tensor { name: name.to_owned(), dtype, shape: shape.clone(), bytes }
 }
 
-/// The replay buffer of `len` transitions.
-fn take_replay(file: &mut Container<'_>, len: usize, next: usize) -> Result<ReplayState, String> {
-    let words = file.shape("replay/visited").and_then(|shape| shape.last().copied()).unwrap_or(0);
-    let mut take = |name: &str, dtype, shape: &[usize]| {
-        let name = format!("replay/{name}");
-        file.take(&name, dtype, shape)?.ok_or_else(|| not_ours(format!("tensor {name} is missing")))
-    };
-    let (cells, _) = take("cells", Dtype::U16, &[len, 2])?.as_chunks();
-    let (visited, _) = take("visited", Dtype::U64, &[len, 2, words])?.as_chunks();
-    Ok(ReplayState {
-        next,
-        cells: cells.iter().map(|&v| u16::from_le_bytes(v)).collect(),
-        visited: visited.iter().map(|&v| u64::from_le_bytes(v)).collect(),
-        actions: take("actions", Dtype::U8, &[len])?.to_vec(),
-        rewards: container::floats(take("rewards", Dtype::F32, &[len])?).collect(),
-        terminated: take("terminated", Dtype::U8, &[len])?.iter().map(|&t| t != 0).collect(),
-    })
+/// The arrays that are left once the agent is taken; whether they make sense is for the algorithm.
+fn take_buffers(file: &mut Container<'_>) -> Result<Buffers, String> {
+    let mut buffers = Buffers::default();
+    for name in file.left().collect::<Vec<_>>() {
+        let (Some(shape), Some(dtype)) = (file.shape(&name), file.dtype(&name)) else { continue };
+        let Some(bytes) = file.take(&name, dtype, &shape)? else { continue };
+        let data = match dtype {
+            Dtype::U8 => Data::U8(bytes.to_vec()),
+            Dtype::U16 => Data::U16(bytes.as_chunks().0.iter().map(|&v| u16::from_le_bytes(v)).collect()),
+            Dtype::U64 => Data::U64(bytes.as_chunks().0.iter().map(|&v| u64::from_le_bytes(v)).collect()),
+            Dtype::F32 => Data::F32(container::floats(bytes).collect()),
+            other => return Err(not_ours(format_args!("tensor {name} is of {other:?}"))),
+        };
+        buffers.add(&name, &shape, data);
+    }
+    Ok(buffers)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{self, Backend, Stage};
-    use crate::config::{self, Config};
+    use crate::agent::config::{self, Config};
+    use crate::agent::dqn::ReplayState;
+    use crate::agent::engine::EngineKind;
+    use crate::agent::{self, Stage};
     use crate::run::logs::Mark;
     use coverage_env::Level;
     use std::sync::Arc;
@@ -234,8 +226,8 @@ mod tests {
         let config = config::resolve(Some(algo), None, &sets, None).unwrap();
         let level = Arc::new(Level::from_map("l", "..T\n.#.").unwrap());
         let stage = Stage { index: 1, level: level.clone(), timesteps: 60, horizon: 60 };
-        let agents = vec![agent::fresh(&config, &level, 3)];
-        let mut learner = agent::learner(&config, &stage, agents, Backend::Fused);
+        let agents = vec![config.agent(&level, 3)];
+        let mut learner = agent::learner(&config, &stage, agents, EngineKind::Fused);
         learner.advance();
         let saved = SavedSnapshot {
             stage: 1,
@@ -251,7 +243,7 @@ mod tests {
     fn what_is_written_is_read_and_fits_its_stage() {
         for algo in ["ppo", "dqn"] {
             let (config, stage, saved) = saved(algo);
-            let network = agent::network(&config, &stage.level);
+            let network = config.network(&stage.level);
             let read = SavedSnapshot::from_bytes(&saved.to_bytes(&network), &network).unwrap();
             assert_eq!(read.snapshot, saved.snapshot);
             assert_eq!((read.stage, read.dose, read.seconds, &read.marks), (1, saved.dose, 1.5, &saved.marks));
@@ -264,7 +256,7 @@ mod tests {
     #[test]
     fn every_flipped_bit_and_every_cut_is_noticed() {
         let (config, stage, saved) = saved("dqn");
-        let network = agent::network(&config, &stage.level);
+        let network = config.network(&stage.level);
         let bytes = saved.to_bytes(&network);
         for at in 0..bytes.len() {
             let mut changed = bytes.clone();
@@ -280,7 +272,7 @@ mod tests {
     #[test]
     fn what_is_whole_but_cannot_be_read_is_not_called_damaged() {
         let (config, stage, saved) = saved("ppo");
-        let network = agent::network(&config, &stage.level);
+        let network = config.network(&stage.level);
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("1.safetensors");
         let refused = || SavedSnapshot::read(&path, &network).unwrap_err();
@@ -290,7 +282,7 @@ mod tests {
         fs::remove_dir(&path).unwrap();
         saved.write(&path, &network).unwrap();
         let larger = config::resolve(Some("ppo"), None, &["hidden=[4]".to_owned()], None).unwrap();
-        let other = SavedSnapshot::read(&path, &agent::network(&larger, &stage.level)).unwrap_err();
+        let other = SavedSnapshot::read(&path, &larger.network(&stage.level)).unwrap_err();
         assert!(matches!(other, FileError::Foreign(_)), "{other}");
         assert!(SavedSnapshot::read(&path, &network).is_ok());
     }
@@ -303,9 +295,9 @@ mod tests {
             change(&mut snapshot);
             snapshot.check(&config, &stage).unwrap_err().to_string()
         };
-        let replay = |snapshot: &mut Snapshot, change: fn(&mut ReplayState)| change(snapshot.replay.as_mut().unwrap());
         assert!(refused(|s| s.agent.parameters.truncate(3)).contains("network has another size"));
-        assert!(refused(|s| s.replay = None).contains("another algorithm"));
+        assert!(refused(|s| s.buffers = Buffers::default()).contains("another algorithm"));
+        assert!(refused(|s| s.agent.kept.copies.clear()).contains("another algorithm"));
         assert!(refused(|s| s.position.timesteps = 1 << 40).contains("counts"));
         assert!(refused(|s| s.position.states.truncate(1)).contains("number of environments"));
         assert!(refused(|s| s.position.starts.swap(0, 1)).contains("random streams"));
@@ -316,7 +308,9 @@ mod tests {
             [|r| r.next = 70, |r| r.cells[3] = 6, |r| r.actions[0] = 4, |r| r.rewards.truncate(1)];
         for change in replays {
             let mut snapshot = saved.snapshot.clone();
-            replay(&mut snapshot, change);
+            let mut replay = ReplayState::read(&snapshot.buffers).unwrap();
+            change(&mut replay);
+            replay.write(&mut snapshot.buffers);
             assert!(snapshot.check(&config, &stage).unwrap_err().to_string().contains("replay buffer"));
         }
     }

@@ -14,7 +14,6 @@ use crate::agent::Stage;
 use crate::agent::network::Network;
 use crate::agent::snapshot::Snapshot;
 use crate::agent::state::AgentState;
-use crate::config::Algorithm;
 use crate::dose::StageDose;
 use crate::error::UserError;
 
@@ -180,10 +179,11 @@ fn last_agent(
     network: &Network,
 ) -> Result<AgentState, UserError> {
     let file = stage_checkpoint(run, last);
-    let Checkpoint { agent, origin, has_adam, network: found } = Checkpoint::read(&file).map_err(needed)?;
+    let Checkpoint { agent, origin, has_adam, network: found, .. } = Checkpoint::read(&file).map_err(needed)?;
     let level = manifest.stages.get(usize::from(last)).map(|stage| stage.level.clone());
     let own = (origin.seed, origin.stage, origin.level) == (Some(manifest.seed), Some(last), level);
-    let whole = has_adam && agent.target.is_some() == matches!(plan.config.algorithm, Algorithm::Dqn(_));
+    let copies = plan.config.algorithm.copies();
+    let whole = has_adam && copies.iter().all(|&name| agent.kept.copies.contains_key(name));
     // Of another size it would be refused later, together with all seeds that it is to be stacked with.
     if !own || !whole || found.tensors() != network.tensors() {
         return Err(needed(format_args!("{}: not the checkpoint that this run wrote", file.display())));

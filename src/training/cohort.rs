@@ -9,7 +9,7 @@ use super::{Event, Experiment, FinishedRun, Link, Outcome};
 use crate::agent::network::Network;
 use crate::agent::snapshot::Snapshot;
 use crate::agent::state::AgentState;
-use crate::agent::{self, Backend, Metrics, Stage};
+use crate::agent::{self, Metrics, Stage};
 use crate::dose::Dose;
 use crate::evaluate::{self, Choose, Starts};
 use crate::measure::probe::{Measurement, Monitor};
@@ -104,7 +104,7 @@ impl Run {
         let timesteps = standing.timesteps();
         let (agent, snapshot) = match standing {
             Standing::Finished => return Ok(Taken::Finished(FinishedRun::new(seed, &dir))),
-            Standing::Fresh => (agent::fresh(&experiment.config, experiment.level(0), seed), None),
+            Standing::Fresh => (experiment.config.agent(experiment.level(0), seed), None),
             Standing::Between(agent) => (*agent, None),
             Standing::Within(snapshot, of_stage) => {
                 dose.go_on(dir.stages_done(), of_stage);
@@ -168,7 +168,7 @@ impl Cohort<'_> {
     /// Says where seeds that were stacked with others go on without them, since a kill left them at another timestep.
     fn tell_of_other_company(&self, seeds: usize) {
         let first = &self.runs[0];
-        let stacked = matches!(self.experiment.backend, Backend::Autograd(_));
+        let stacked = self.experiment.engine.joins_seeds();
         if !stacked || self.runs.len() == seeds || first.agent.counters.timesteps == 0 {
             return;
         }
@@ -184,7 +184,7 @@ impl Cohort<'_> {
 
     /// Trains all stages that are left.
     fn train(&mut self) -> Stopped {
-        let network = agent::network(&self.experiment.config, self.experiment.level(0));
+        let network = self.experiment.config.network(self.experiment.level(0));
         let yaml = self.experiment.config.to_yaml();
         self.each(|experiment, _, run| {
             run.dir.write_config(&yaml)?;
@@ -229,7 +229,7 @@ impl Cohort<'_> {
             snapshot
         };
         let snapshots = self.runs.iter_mut().map(snapshot).collect();
-        let mut learner = match agent::resume(config, stage, snapshots, experiment.backend) {
+        let mut learner = match agent::resume(config, stage, snapshots, experiment.engine) {
             Ok(learner) => learner,
             Err(error) => {
                 self.each(|_, _, _| Err(anyhow!("{error}")));

@@ -16,10 +16,10 @@ use anyhow::{Error, Result, anyhow};
 use coverage_env::Level;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use serde_json::Value;
-use tch::Device;
 
-use crate::agent::{Backend, Stage};
-use crate::config::Config;
+use crate::agent::Stage;
+use crate::agent::config::Config;
+use crate::agent::engine::EngineKind;
 use crate::curriculum::Curriculum;
 use crate::dose::Dose;
 use crate::run::evaluations::Row;
@@ -41,7 +41,7 @@ pub struct Experiment {
     /// The experiment's folder.
     pub out: PathBuf,
     /// How networks are computed.
-    pub backend: Backend,
+    pub engine: EngineKind,
     /// Whether runs that are there already go on.
     pub resume: bool,
     /// Timesteps between two measurements of plasticity; 0 for none.
@@ -140,7 +140,6 @@ pub fn train(
     mut on_event: impl FnMut(usize, Event),
     mut on_end: impl FnMut(usize, &Outcome),
 ) -> Result<Vec<Outcome>> {
-    tch::set_num_threads(1);
     allow_open_files();
     for experiment in experiments {
         let look = |&seed: &u64| RunDir::look(&experiment.run_path(seed), &experiment.plan(seed));
@@ -237,10 +236,7 @@ impl Experiment {
 
     /// Seeds that train side by side: stacked ones share a thread's work, fused ones gain nothing from company.
     fn cohort_size(&self, jobs: usize) -> usize {
-        match self.backend {
-            Backend::Fused => 1,
-            Backend::Autograd(_) => self.seeds.len().div_ceil(jobs).max(1),
-        }
+        if self.engine.joins_seeds() { self.seeds.len().div_ceil(jobs).max(1) } else { 1 }
     }
 
     /// What the run of a seed is to be.
@@ -273,11 +269,8 @@ impl Experiment {
             levels: self.curriculum.levels.iter().map(|level| level.name().to_owned()).collect(),
             config: self.config.to_json(),
             dose: Dose::new(&self.config, &self.curriculum, &Value::Null).to_json(),
-            kernel: self.backend.name().to_owned(),
-            device: match self.backend {
-                Backend::Autograd(Device::Cuda(index)) => format!("cuda:{index}"),
-                _ => "cpu".to_owned(),
-            },
+            kernel: self.engine.name().to_owned(),
+            device: self.engine.device().to_string(),
             versions: Versions::here(),
             host: Host::here(),
             command: self.command.clone(),
@@ -301,13 +294,13 @@ fn allow_open_files() {
 #[cfg(test)]
 impl Experiment {
     /// One that is never carried out.
-    fn example(curriculum: Curriculum, seeds: &[u64], backend: Backend) -> Self {
+    fn example(curriculum: Curriculum, seeds: &[u64], engine: EngineKind) -> Self {
         Self {
-            config: crate::config::resolve(Some("ppo"), None, &[], None).unwrap(),
+            config: crate::agent::config::resolve(Some("ppo"), None, &[], None).unwrap(),
             curriculum,
             seeds: seeds.to_vec(),
             out: PathBuf::new(),
-            backend,
+            engine,
             resume: false,
             plasticity_interval: 0,
             saving: Saving::default(),

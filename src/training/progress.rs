@@ -296,7 +296,7 @@ mod tests {
     use coverage_env::Level;
 
     use super::*;
-    use crate::agent::Backend;
+    use crate::agent::engine::EngineKind;
     use crate::curriculum::Curriculum;
 
     const STAGE: Detail = Detail::Stages { of_those: Some((1, 1)), num: 5, mean_return: -12.34 };
@@ -319,7 +319,7 @@ mod tests {
     /// Four seeds of 100 timesteps on each of the levels.
     fn experiments(levels: &[&str]) -> Vec<Experiment> {
         let single = |&id: &&str| Curriculum::single(Level::builtin(id).unwrap(), 100);
-        levels.iter().map(|id| Experiment::example(single(id), &[0, 1, 2, 3], Backend::Fused)).collect()
+        levels.iter().map(|id| Experiment::example(single(id), &[0, 1, 2, 3], EngineKind::Fused)).collect()
     }
 
     fn progress(experiments: &[Experiment]) -> Progress<'_> {

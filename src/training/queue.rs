@@ -38,12 +38,10 @@ pub fn seconds_until_done(work: impl IntoIterator<Item = f64>, jobs: usize) -> f
 
 #[cfg(test)]
 mod tests {
-    use coverage_env::Level;
-    use tch::Device;
-
     use super::*;
-    use crate::agent::Backend;
+    use crate::agent::engine::{Device, EngineKind};
     use crate::curriculum::Curriculum;
+    use coverage_env::Level;
 
     fn levels() -> Vec<Level> {
         ["0", "1"].into_iter().map(|id| Level::builtin(id).unwrap()).collect()
@@ -52,9 +50,9 @@ mod tests {
     #[test]
     fn the_longest_comes_first_and_stacked_seeds_stay_together() {
         let experiment = |curriculum, backend| Experiment::example(curriculum, &[3, 4, 5, 7, 9], backend);
-        let stacked = Backend::Autograd(Device::Cpu);
+        let stacked = EngineKind::Libtorch(Device::Cpu);
         let experiments = [
-            experiment(Curriculum::single(levels().remove(0), 1000), Backend::Fused),
+            experiment(Curriculum::single(levels().remove(0), 1000), EngineKind::Fused),
             experiment(Curriculum::sequence(levels(), 600).unwrap(), stacked),
             experiment(Curriculum::single(levels().remove(1), 1000), stacked),
         ];

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use coverage_env::{Action, Level, VecEnv};
-use cpp_rl::agent::ppo::{Outputs, Rollout};
-use cpp_rl::agent::random::{Purpose, Stream};
+use cpp_rl::agent::ppo::Rollout;
+use cpp_rl::random::{Purpose, Stream};
 
 use crate::fixtures::{self, Tensors};
 use crate::numbers::assert_close;
@@ -24,9 +24,8 @@ fn as_stable_baselines3_estimates() {
     rollout.truncated = bootstraps.clone();
     let mut beyond = tensors.floats("last_values");
     beyond.extend(bootstraps.iter().map(|&i| terminal_values[i]));
-    let outputs = Outputs { logits: Vec::new(), values: tensors.floats("values") };
     let number = |key: &str| json[key].as_f64().expect("a number");
-    rollout.estimate(&outputs, &beyond, number("gamma"), number("gae_lambda"));
+    rollout.estimate(&[], tensors.floats("values"), &beyond, number("gamma"), number("gae_lambda"));
 
     assert!(bootstraps.len() > 1 && truncated.iter().zip(&terminated).any(|(a, b)| *a && *b));
     // One multiplication and addition per reward; then sums over up to 32 timesteps.
@@ -43,9 +42,9 @@ fn by_hand() {
     rollout.rewards = vec![1.0, 10.0, 2.0, 20.0, 3.0, 30.0];
     rollout.dones = vec![false, false, true, false, false, false];
     rollout.truncated = vec![2];
-    let outputs = Outputs { logits: vec![0.0; 24], values: vec![4.0, 1.0, 6.0, 2.0, 8.0, 3.0] };
+    let values = vec![4.0, 1.0, 6.0, 2.0, 8.0, 3.0];
     // V after the last timestep of both, then V of the final observation.
-    rollout.estimate(&outputs, &[16.0, 4.0, 32.0], 0.5, 0.5);
+    rollout.estimate(&[0.0; 24], values, &[16.0, 4.0, 32.0], 0.5, 0.5);
     // First: δ₂ = 3 + 8 − 8 = 3; δ₁ = (2 + 16) − 6 = 12; δ₀ = 1 + 3 − 4 = 0; A₀ = 0 + ¼·12.
     // Second: δ₂ = 30 + 2 − 3 = 29; δ₁ = 20 + 1.5 − 2 = 19.5; δ₀ = 10 + 1 − 1 = 10.
     assert_eq!(rollout.rewards, [1.0, 10.0, 18.0, 20.0, 3.0, 30.0]);
@@ -71,8 +70,7 @@ fn an_episode_that_is_cut_off_is_bootstrapped_from_its_last_observation() {
     // the last one of this episode.
     assert!([[4, 12].as_slice(), &[6, 14]].contains(&rollout.beyond.sample(0)));
     assert_eq!(rollout.beyond.sample(1), [6, 12, 14]);
-    let outputs = Outputs { logits: vec![0.0; 8], values: vec![0.0; 2] };
-    rollout.estimate(&outputs, &[100.0, 8.0], 0.5, 1.0);
+    rollout.estimate(&[0.0; 8], vec![0.0; 2], &[100.0, 8.0], 0.5, 1.0);
     assert_eq!(rollout.rewards, [-1.0, 3.0]);
     assert_eq!(rollout.advantages, [0.5, 3.0]);
 }

@@ -3,10 +3,12 @@
 use std::sync::Arc;
 
 use coverage_env::Level;
+use cpp_rl::agent::config::{self, Config};
+use cpp_rl::agent::dqn::DqnConfig;
 use cpp_rl::agent::dqn::Exploration;
+use cpp_rl::agent::engine::EngineKind;
 use cpp_rl::agent::state::AgentState;
-use cpp_rl::agent::{self, Backend, Stage};
-use cpp_rl::config::{self, Config, DqnConfig};
+use cpp_rl::agent::{self, Stage};
 
 use crate::fixtures;
 
@@ -24,8 +26,8 @@ fn config(sets: &[&str]) -> Config {
 
 /// Trains one seed through `stage`, from `agent` or afresh.
 fn train(config: &Config, stage: &Stage, agent: Option<AgentState>) -> AgentState {
-    let agent = agent.unwrap_or_else(|| agent::fresh(config, &stage.level, 5));
-    let mut learner = agent::learner(config, stage, vec![agent], Backend::Fused);
+    let agent = agent.unwrap_or_else(|| config.agent(&stage.level, 5));
+    let mut learner = agent::learner(config, stage, vec![agent], EngineKind::Fused);
     while learner.timesteps() < stage.timesteps {
         learner.advance();
     }
@@ -104,8 +106,8 @@ fn the_target_network_is_copied_before_the_update_of_the_same_timestep() {
     let fresh = train(&config, &stage(0, 4), None);
     let before = train(&config, &stage(0, 9_996), None);
     let after = train(&config, &stage(0, 10_000), None);
-    assert_eq!(before.target, fresh.target, "no copy yet");
-    assert_eq!(after.target.as_ref(), Some(&before.parameters), "the weights after the update at timestep 9,996");
+    assert_eq!(before.kept, fresh.kept, "no copy yet");
+    assert_eq!(after.kept.copies["target"], before.parameters, "the weights after the update at timestep 9,996");
     assert_ne!(after.parameters, before.parameters, "and an update at timestep 10,000");
 }
 
@@ -113,9 +115,9 @@ fn the_target_network_is_copied_before_the_update_of_the_same_timestep() {
 fn the_count_of_calls_that_times_copies_goes_on_over_stages() {
     let config = config(&["exploration_initial_eps=0.05", "target_update_interval=300"]);
     let first = train(&config, &stage(0, 200), None);
-    let initial = train(&config, &stage(0, 4), None).target;
-    assert_eq!(first.target, initial);
+    let initial = train(&config, &stage(0, 4), None).kept;
+    assert_eq!(first.kept, initial);
     // Call 300 is timestep 100 of the second stage, where nothing has been learned yet.
     let second = train(&config, &stage(1, 100), Some(first.clone()));
-    assert_eq!(second.target, Some(first.parameters));
+    assert_eq!(second.kept.copies["target"], first.parameters);
 }

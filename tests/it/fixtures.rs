@@ -5,9 +5,11 @@ use std::sync::Arc;
 
 use bit_mlp::BitBatch;
 use coverage_env::{Level, Observation};
+use cpp_rl::agent::config::{self, Config};
+use cpp_rl::agent::engine::Parts;
+use cpp_rl::agent::mitigation::{L2, L2Penalty};
 use cpp_rl::agent::network::Network;
-use cpp_rl::agent::state::{AdamState, AgentState, Counters};
-use cpp_rl::config::{self, Config};
+use cpp_rl::agent::state::{AdamState, AgentState, Counters, Kept};
 use cpp_rl::run::checkpoint::Checkpoint;
 use safetensors::SafeTensors;
 use serde_json::Value;
@@ -19,7 +21,7 @@ pub const UPDATES: usize = 10;
 
 /// A file of the fixtures.
 pub fn path(name: &str) -> PathBuf {
-    [env!("CARGO_MANIFEST_DIR"), "tests/fixtures/sb3", name].iter().collect()
+    [crate::ROOT, "tests/fixtures/sb3", name].iter().collect()
 }
 
 /// The JSON file of a fixture.
@@ -93,18 +95,25 @@ impl Case {
         let rows: Vec<&str> = json["map"].as_array().expect("a map").iter().filter_map(Value::as_str).collect();
         let level = Arc::new(Level::from_map("map", &rows.join("\n")).expect("a valid map"));
         let config = settings(&json);
-        let network = cpp_rl::agent::network(&config, &level);
+        let network = config.network(&level);
         let agent = match json["starts_from"].as_str() {
             Some(checkpoint) => Checkpoint::read(&path(checkpoint)).expect("a checkpoint of ours").agent,
             None => {
                 let parameters = tensors.flat("initial", &network).expect("initial weights");
                 let adam = AdamState::new(parameters.len());
                 let target = tensors.flat("initial/target", &network);
-                AgentState { seed: 0, parameters, adam, target, counters: Counters::default() }
+                let copies = target.into_iter().map(|target| ("target".to_owned(), target)).collect();
+                let kept = Kept { copies, ..Kept::default() };
+                AgentState { seed: 0, parameters, adam, kept, counters: Counters::default() }
             }
         };
         assert_eq!(json["adam_step"].as_u64(), Some(agent.adam.step));
         Self { json, tensors, level, config, network, agent }
+    }
+
+    /// What an engine is made of, with the agent before update 1.
+    pub fn parts(&self) -> Parts {
+        self.config.parts(&self.level, vec![self.agent.clone()])
     }
 
     /// A recorded loss term of update `update`, from 0.
@@ -142,10 +151,8 @@ impl Case {
 
     /// The clipped gradient of update 1, from Adam's first moment: m = (1 − β₁)·(g + λθ), λ being coupled decay's.
     fn clipped_gradient(&self, after: &AgentState) -> Vec<f32> {
-        let coupled = match self.config.optimizer.l2 {
-            config::L2::Adam => self.config.optimizer.l2_coef as f32,
-            _ => 0.0,
-        };
+        let penalty = L2Penalty::of(&self.config);
+        let coupled = if penalty.kind == L2::Adam { penalty.coefficient as f32 } else { 0.0 };
         let moments = after.adam.exp_avg.iter().zip(&self.agent.parameters);
         moments.map(|(m, theta)| m / 0.1 - coupled * theta).collect()
     }

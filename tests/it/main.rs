@@ -9,7 +9,6 @@ mod command_line;
 mod dqn_schedule;
 mod faults;
 mod fixtures;
-mod kernels;
 mod limits;
 mod messages;
 mod numbers;
@@ -27,3 +26,10 @@ mod sb3_ppo;
 mod settings;
 mod stops;
 mod study;
+
+use cpp_rl::agent::engine::{Engine, FusedEngine, Parts};
+
+/// The repository.
+const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+/// The engines that recorded updates are followed with; the tests of torch-engine have libtorch's here.
+const ENGINES: [fn(Parts) -> Box<dyn Engine>; 1] = [|parts| Box::new(FusedEngine::new(parts))];

@@ -2,7 +2,7 @@
 
 use bit_mlp::BitBatch;
 use coverage_env::Level;
-use cpp_rl::config;
+use cpp_rl::agent::config;
 use cpp_rl::measure::probe::Probe;
 use cpp_rl::measure::{self, Hidden, Layer, Sample, Units, Update};
 use serde_json::Value;
@@ -69,7 +69,7 @@ fn networks_measure_what_pytorch_computes() {
         }
         let [before, after] = ["before", "after"]
             .map(|key| floats(&network[key]).iter().map(|&parameter| parameter as f32).collect::<Vec<_>>());
-        let probe = Probe::new(cpp_rl::agent::network(&config, &level), states);
+        let probe = Probe::new(config.network(&level), states);
         let mut measured = probe.measure(&before, &after, 0.25).measures;
         assert_eq!(measured.remove(0), ("plasticity/grad_norm".to_owned(), 0.25));
         // The forward pass has 24 bits, theirs 53; what is counted is counted the same.
@@ -173,10 +173,10 @@ fn update_and_gradient_norms_are_those_of_the_row() {
 #[test]
 fn a_run_is_the_same_with_and_without_measures() {
     let sandbox = Sandbox::new();
-    for (algo, kernel) in [("ppo", "fused"), ("dqn", "fused"), ("ppo", "autograd"), ("dqn", "autograd")] {
+    for (algo, engine) in [("ppo", "fused"), ("dqn", "fused"), ("ppo", "libtorch"), ("dqn", "libtorch")] {
         let train = |interval: u32| {
-            let out = format!("{kernel}-{interval}");
-            let options = format!("--set kernel={kernel} --timesteps 600 --out {out}");
+            let out = format!("{engine}-{interval}");
+            let options = format!("--set engine={engine} --timesteps 600 --out {out}");
             sandbox.succeeds(&format!("{CURRICULUM} {algo}.yaml {options} --plasticity-interval {interval}"));
             run(&sandbox, algo, &out)
         };

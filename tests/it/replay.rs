@@ -5,7 +5,7 @@ use std::sync::Arc;
 use bit_mlp::BitBatch;
 use coverage_env::{Action, Level, Observation, State, VecEnv};
 use cpp_rl::agent::dqn::{Replay, Transitions};
-use cpp_rl::agent::random::{Purpose, Stream};
+use cpp_rl::random::{Purpose, Stream};
 
 /// Not square; Right enters a target from each of the two starts.
 const MAP: &str = ".T#\n#.T";

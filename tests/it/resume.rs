@@ -8,11 +8,12 @@ use std::time::Instant;
 
 use coverage_env::Level;
 use coverage_env::random::{below, unit_f64};
-use cpp_rl::agent::network::Network;
-use cpp_rl::agent::random::{Purpose, Stream};
+use cpp_rl::agent::config;
+use cpp_rl::agent::engine::EngineKind;
+use cpp_rl::agent::network::{Layout, Network};
 use cpp_rl::agent::state::AgentState;
-use cpp_rl::agent::{self, Backend, Stage};
-use cpp_rl::config;
+use cpp_rl::agent::{self, Stage};
+use cpp_rl::random::{Purpose, Stream};
 use cpp_rl::run::checkpoint::Checkpoint;
 
 use crate::sandbox::{RunFiles, Sandbox};
@@ -51,10 +52,10 @@ fn killed_at_random_instants_and_resumed_it_ends_the_same() {
 #[test]
 fn a_stopped_run_goes_on_in_the_midst_of_its_stage() {
     // Seeds stacked as one tensor differ by rounding in other company, which is the same here.
-    for (kernel, timesteps) in [("fused", 30_000), ("autograd", 3000)] {
+    for (engine, timesteps) in [("fused", 30_000), ("libtorch", 3000)] {
         let sandbox = Sandbox::new();
         let command =
-            |out| format!("{} --seeds 0..2 --jobs 1 --set kernel={kernel}", command_of("ppo", out, timesteps));
+            |out| format!("{} --seeds 0..2 --jobs 1 --set engine={engine}", command_of("ppo", out, timesteps));
         sandbox.succeeds(&command("undisturbed"));
         stop_within(&sandbox, &command("stopped"), &runs(&sandbox, "ppo", "stopped")[0], Signal::Terminate);
         let printed = sandbox.succeeds(&format!("{} --resume", command("stopped")));
@@ -121,7 +122,7 @@ fn an_extended_training_keeps_the_horizon_of_its_schedules() {
     let config = config::resolve(None, Some(&run.0.join("config.yaml")), &[], None).expect("a run's settings");
     let level = Level::resolve(&sandbox.path("c.yaml").display().to_string()).expect("a level");
     let stage = Stage { index: 0, level: Arc::new(level), timesteps: 6000, horizon: 3000 };
-    let mut learner = agent::learner(&config, &stage, vec![agent::fresh(&config, &stage.level, 0)], Backend::Fused);
+    let mut learner = agent::learner(&config, &stage, vec![config.agent(&stage.level, 0)], EngineKind::Fused);
     while learner.timesteps() < stage.timesteps {
         learner.advance();
     }
@@ -140,17 +141,17 @@ fn an_extended_training_keeps_the_horizon_of_its_schedules() {
 #[test]
 fn seeds_at_different_stages_go_on_together() {
     let sandbox = Sandbox::new();
-    for kernel in ["fused", "autograd"] {
-        let command = format!("{} --seeds 0..2 --set kernel={kernel} --jobs 1", command_of("ppo", kernel, 256));
+    for engine in ["fused", "libtorch"] {
+        let command = format!("{} --seeds 0..2 --set engine={engine} --jobs 1", command_of("ppo", engine, 256));
         sandbox.succeeds(&command);
-        let runs = runs(&sandbox, "ppo", kernel);
+        let runs = runs(&sandbox, "ppo", engine);
         let expected = [runs[0].reproducible(), runs[1].reproducible()];
         runs[0].unfinish(1);
         runs[1].unfinish(2);
         let printed = sandbox.succeeds(&format!("{command} --resume"));
         // Stacked seeds advance alone here: their numbers differ by rounding, as with any other company.
-        assert_eq!(printed.stderr.contains("the others stand elsewhere"), kernel == "autograd", "{}", printed.stderr);
-        if kernel == "fused" {
+        assert_eq!(printed.stderr.contains("the others stand elsewhere"), engine == "libtorch", "{}", printed.stderr);
+        if engine == "fused" {
             runs.iter().zip(&expected).for_each(|(run, expected)| run.reproducible().assert_same(expected));
         }
         assert!(runs.iter().all(|run| run.manifest()["stages_done"] == 3));
@@ -161,14 +162,14 @@ fn seeds_at_different_stages_go_on_together() {
 #[test]
 fn many_seeds_find_their_files() {
     let sandbox = Sandbox::new();
-    for (kernel, limit) in [("fused", "ulimit -n 32"), ("autograd", "ulimit -S -n 64")] {
+    for (engine, limit) in [("fused", "ulimit -n 32"), ("libtorch", "ulimit -S -n 64")] {
         let script = format!("{limit}; exec {} \"$@\"", env!("CARGO_BIN_EXE_cpp-rl"));
-        let options = format!("--seeds 0..40 --jobs 2 --set kernel={kernel} --out {kernel}");
+        let options = format!("--seeds 0..40 --jobs 2 --set engine={engine} --out {engine}");
         let words = format!("train --config ppo.yaml --level a.yaml --timesteps 64 {options}");
         let mut command = std::process::Command::new("sh");
         command.args(["-c", &script, "sh"]).args(words.split(' ')).current_dir(sandbox.path("."));
         let output = command.output().expect("there is a shell");
-        assert!(output.status.success(), "{kernel}: {}", String::from_utf8_lossy(&output.stderr));
+        assert!(output.status.success(), "{engine}: {}", String::from_utf8_lossy(&output.stderr));
     }
 }
 
@@ -197,7 +198,7 @@ fn other_settings_are_refused_by_name() {
         ("--set gamma=0.5 --set clip_range=0.3", vec!["gamma: 0.99 → 0.5", "clip_range: 0.2 → 0.3"]),
         ("--timesteps 512", vec!["timesteps: 256 → 512", "stages: a × 256, b × 256 → a × 512, b × 512"]),
         ("--levels b.yaml,a.yaml", vec!["stages: a × 256, b × 256 → b × 256, a × 256"]),
-        ("--set kernel=autograd", vec!["kernel: fused → autograd"]),
+        ("--set engine=libtorch", vec!["engine: fused → libtorch"]),
     ];
     for (options, differences) in refusals {
         let levels = if options.contains("--levels") { "" } else { "--levels a.yaml,b.yaml" };
@@ -262,15 +263,16 @@ fn a_damaged_run_is_refused_in_words() {
 #[test]
 fn a_checkpoint_of_another_network_fails_its_own_seed_alone() {
     let sandbox = Sandbox::new();
-    let command = format!("{SHORT} --set kernel=autograd --seeds 0..2 --jobs 1");
+    let command = format!("{SHORT} --set engine=libtorch --seeds 0..2 --jobs 1");
     sandbox.succeeds(&command);
     let runs = ["seed-0", "seed-1"].map(|seed| sandbox.run(&RUN.replace("seed-0", seed)));
     runs.iter().for_each(|run| run.unfinish(1));
     let path = runs[1].0.join("checkpoints/stage-0.safetensors");
     let mut checkpoint = Checkpoint::read(&path).expect("a checkpoint");
     let network = &checkpoint.network;
-    checkpoint.network = Network::actor_critic(network.num_inputs(), &[3], network.activation());
-    checkpoint.agent = AgentState::new(&checkpoint.network, 1, false);
+    let layout = Layout { hidden: vec![3], ..network.layout().clone() };
+    checkpoint.network = Network::new(layout, checkpoint.algorithm.heads());
+    checkpoint.agent = AgentState::new(&checkpoint.network, 1, &[]);
     checkpoint.write(&path).expect("writable");
     let error = sandbox.fails(2, &format!("{command} --resume"));
     assert!(error.contains("stage-0.safetensors: not the checkpoint that this run wrote; put it back"), "{error}");

@@ -136,25 +136,25 @@ fn a_seed_is_the_same_whatever_trains_beside_it() {
 }
 
 #[test]
-fn both_kernels_train_alike() {
+fn both_engines_train_alike() {
     let sandbox = Sandbox::new();
     for algo in ["ppo", "dqn"] {
-        let train = |kernel: &str| {
+        let train = |engine: &str| {
             let command = format!("train --config {algo}.yaml --level b.yaml --timesteps 128 --seeds 0..2 --jobs 1");
-            sandbox.succeeds(&format!("{command} --set kernel={kernel} --out {kernel}"));
-            let run = RunFiles(sandbox.path(kernel).join(algo).join("level-b/seed-1"));
-            assert_eq!(run.manifest()["kernel"], json!(kernel));
+            sandbox.succeeds(&format!("{command} --set engine={engine} --out {engine}"));
+            let run = RunFiles(sandbox.path(engine).join(algo).join("level-b/seed-1"));
+            assert_eq!(run.manifest()["kernel"], json!(engine));
             run.progress()
         };
-        let (fused, autograd) = (train("fused"), train("autograd"));
-        assert_eq!(fused.len(), autograd.len());
-        for ((name, fused), (_, autograd)) in fused.iter().flatten().zip(autograd.iter().flatten()) {
-            let same = match (fused.parse::<f64>(), autograd.parse::<f64>()) {
+        let (fused, libtorch) = (train("fused"), train("libtorch"));
+        assert_eq!(fused.len(), libtorch.len());
+        for ((name, fused), (_, libtorch)) in fused.iter().flatten().zip(libtorch.iter().flatten()) {
+            let same = match (fused.parse::<f64>(), libtorch.parse::<f64>()) {
                 // Rounding in another order, over eight (PPO) or 27 (DQN) updates that build on one another.
                 (Ok(a), Ok(b)) => (a - b).abs() <= 1e-4 * b.abs() + 1e-5 || (a.is_nan() && b.is_nan()),
-                _ => fused == autograd,
+                _ => fused == libtorch,
             };
-            assert!(same, "{name}: {fused} fused, {autograd} with autograd");
+            assert!(same, "{name}: {fused} fused, {libtorch} with libtorch");
         }
     }
 }
@@ -186,11 +186,11 @@ fn an_existing_run_is_not_overwritten() {
 #[test]
 fn a_seed_that_diverges_stops_and_says_why() {
     let sandbox = Sandbox::new();
-    for (algo, kernel) in [("ppo", "fused"), ("ppo", "autograd"), ("dqn", "fused"), ("dqn", "autograd")] {
-        let settings = format!("--set learning_rate=1e30 --set kernel={kernel} --out {kernel}");
+    for (algo, engine) in [("ppo", "fused"), ("ppo", "libtorch"), ("dqn", "fused"), ("dqn", "libtorch")] {
+        let settings = format!("--set learning_rate=1e30 --set engine={engine} --out {engine}");
         let error = sandbox.fails(1, &format!("train --config {algo}.yaml --level a.yaml {settings}"));
         assert!(error.contains("seed 0: train/") && error.contains("by timestep"), "{error}");
-        let run = RunFiles(sandbox.path(kernel).join(algo).join("level-a/seed-0"));
+        let run = RunFiles(sandbox.path(engine).join(algo).join("level-a/seed-0"));
         assert_eq!(run.manifest()["status"]["state"], json!("failed"));
         assert_eq!(run.manifest()["stages_done"], json!(0));
         let events = run.bytes("tb/events.out.tfevents.0.cpp-rl");
@@ -200,9 +200,9 @@ fn a_seed_that_diverges_stops_and_says_why() {
 
 #[test]
 fn a_seed_that_diverges_does_not_stop_the_others() {
-    for kernel in ["fused", "autograd"] {
+    for engine in ["fused", "libtorch"] {
         let sandbox = Sandbox::new();
-        let command = format!("{CURRICULUM} --set kernel={kernel} --seeds 0..3 --jobs 1");
+        let command = format!("{CURRICULUM} --set engine={engine} --seeds 0..3 --jobs 1");
         sandbox.succeeds(&command);
         let runs = [0, 1, 2].map(|seed| sandbox.run(&format!("curriculum/ppo/curriculum/seed-{seed}")));
         let undisturbed = runs[2].reproducible();

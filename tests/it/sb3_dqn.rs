@@ -1,8 +1,8 @@
 //! DQN, update by update, against Stable-Baselines3's `train()`.
 
 use coverage_env::Action;
-use cpp_rl::agent::dqn::{AutogradDqn, DqnUpdater, FusedDqn, Transitions};
-use tch::Device;
+use cpp_rl::agent::dqn::{DqnLoss, Transitions};
+use cpp_rl::agent::engine::Engine;
 
 use crate::fixtures::{Case, UPDATES};
 use crate::numbers::assert_close;
@@ -22,39 +22,40 @@ fn a_trained_agent_goes_on() {
     follow("dqn_study");
 }
 
-/// Makes the recorded updates with both implementations and compares each with what was recorded.
+/// Makes the recorded updates with every engine and compares each with what was recorded.
 fn follow(name: &str) {
     let case = Case::read(name);
-    let (gamma, optimizer, agents) = (case.config.gamma, &case.config.optimizer, std::slice::from_ref(&case.agent));
-    make_updates(&case, &mut FusedDqn::new(&case.network, gamma, optimizer, agents));
-    make_updates(&case, &mut AutogradDqn::new(case.network.clone(), Device::Cpu, gamma, optimizer, agents));
+    for make in crate::ENGINES {
+        make_updates(&case, &mut *make(case.parts()));
+    }
 }
 
-fn make_updates(case: &Case, updater: &mut dyn DqnUpdater) {
+fn make_updates(case: &Case, engine: &mut dyn Engine) {
     let copy_after = case.json["copy_after_update"].as_u64();
     let mut agent = case.agent.clone();
     for (i, transitions) in batches(case).iter().enumerate() {
         let update = i + 1;
-        check_values(case, i, transitions, updater);
-        let loss = updater.minibatch(&[transitions])[0];
-        assert_close(&format!("loss of update {update}"), &[loss.loss], &[case.term(i, "loss")], 1e-5);
-        assert_close(&format!("norm of update {update}"), &[loss.grad_norm], &[case.term(i, "gradient_norm")], 1e-5);
-        let target = agent.target.clone();
-        updater.save(0, &mut agent);
-        assert_eq!(agent.target, target, "update {update} leaves the target network alone");
+        check_values(case, i, transitions, engine);
+        let mut loss = DqnLoss::new(case.config.gamma as f32, transitions);
+        let norm = engine.descend(&mut [&mut loss])[0];
+        assert_close(&format!("loss of update {update}"), &[loss.value], &[case.term(i, "loss")], 1e-5);
+        assert_close(&format!("norm of update {update}"), &[norm], &[case.term(i, "gradient_norm")], 1e-5);
+        let target = agent.kept.copies["target"].clone();
+        engine.save(0, &mut agent);
+        assert_eq!(agent.kept.copies["target"], target, "update {update} leaves the target network alone");
         if Some(update as u64) == copy_after {
-            updater.copy_target();
-            updater.save(0, &mut agent);
-            assert_eq!(agent.target.as_ref(), Some(&agent.parameters));
+            engine.copy("target");
+            engine.save(0, &mut agent);
+            assert_eq!(agent.kept.copies["target"], agent.parameters);
         }
         case.check(update, &agent);
     }
 }
 
 /// Compares Q(s, a) of a batch with what was recorded.
-fn check_values(case: &Case, update: usize, batch: &Transitions, updater: &mut dyn DqnUpdater) {
+fn check_values(case: &Case, update: usize, batch: &Transitions, engine: &mut dyn Engine) {
     let mut values = vec![0.0; batch.actions.len() * Action::COUNT];
-    updater.act(std::slice::from_ref(&batch.inputs), &mut values);
+    engine.act(std::slice::from_ref(&batch.inputs), &mut values);
     let actions = batch.actions.iter().map(|&action| usize::from(action));
     let taken: Vec<f32> = values.chunks_exact(Action::COUNT).zip(actions).map(|(q, action)| q[action]).collect();
     let recorded = case.tensors.floats("current_q_values");

@@ -1,8 +1,7 @@
 //! PPO, update by update, against Stable-Baselines3's `train()`.
 
-use cpp_rl::agent::ppo::{AutogradPpo, FusedPpo, PpoLoss, PpoUpdater, Rollout};
-use cpp_rl::config::Algorithm;
-use tch::Device;
+use cpp_rl::agent::engine::Engine;
+use cpp_rl::agent::ppo::{PpoConfig, PpoLoss, PpoTerms, Rollout};
 
 use crate::fixtures::{Case, UPDATES};
 use crate::numbers::assert_within;
@@ -32,29 +31,29 @@ fn a_trained_agent_goes_on() {
     follow("ppo_study");
 }
 
-/// Makes the recorded updates with both implementations and compares each with what was recorded.
+/// Makes the recorded updates with every engine and compares each with what was recorded.
 fn follow(name: &str) {
     let case = Case::read(name);
-    let Algorithm::Ppo(ppo) = &case.config.algorithm else { panic!("{name} is a case of PPO") };
-    let (optimizer, agents) = (&case.config.optimizer, std::slice::from_ref(&case.agent));
-    make_updates(&case, &mut FusedPpo::new(&case.network, ppo, optimizer, agents));
-    make_updates(&case, &mut AutogradPpo::new(case.network.clone(), Device::Cpu, ppo, optimizer, agents));
+    for make in crate::ENGINES {
+        make_updates(&case, &mut *make(case.parts()));
+    }
 }
 
-fn make_updates(case: &Case, updater: &mut dyn PpoUpdater) {
+fn make_updates(case: &Case, engine: &mut dyn Engine) {
+    let config = case.config.of::<PpoConfig>().expect("a case of PPO");
     let rollout = rollout(case);
     let minibatches = case.tensors.indices("minibatches");
     let mut agent = case.agent.clone();
-    updater.load(&[&rollout]);
     for (i, minibatch) in minibatches.chunks_exact(minibatches.len() / UPDATES).enumerate() {
-        let losses = updater.minibatch(&[&rollout], &[minibatch]);
-        check_terms(case, i, losses[0]);
-        updater.save(0, &mut agent);
+        let mut loss = PpoLoss::new(config, &rollout, minibatch);
+        let norm = engine.descend(&mut [&mut loss])[0];
+        check_terms(case, i, loss.terms, norm);
+        engine.save(0, &mut agent);
         case.check(i + 1, &agent);
     }
 }
 
-fn check_terms(case: &Case, update: usize, loss: PpoLoss) {
+fn check_terms(case: &Case, update: usize, loss: PpoTerms, norm: f32) {
     let terms = [
         ("policy_gradient_loss", loss.policy),
         ("value_loss", loss.value),
@@ -62,7 +61,7 @@ fn check_terms(case: &Case, update: usize, loss: PpoLoss) {
         ("loss", loss.total),
         ("approx_kl", loss.approx_kl),
         ("clip_fraction", loss.clip_fraction),
-        ("gradient_norm", loss.grad_norm),
+        ("gradient_norm", norm),
     ];
     for (name, actual) in terms {
         let expected = case.term(update, name);

@@ -1,6 +1,7 @@
 //! Settings from presets, files and flags.
 
-use cpp_rl::config::{self, preset_names};
+use cpp_rl::agent::config;
+use cpp_rl::config::preset_names;
 use proptest::prelude::*;
 
 use crate::sandbox::Sandbox;
@@ -76,7 +77,7 @@ proptest! {
     #[test]
     fn any_flag_is_taken_or_refused(text in prop_oneof![
         any::<String>(),
-        "(gamma|hidden|l2|l2_coef|name|timesteps|clip_range|kernel)=[-a-z0-9.e\\[\\], ]{0,12}",
+        "(gamma|hidden|l2|l2_coef|name|timesteps|clip_range|kernel|engine)=[-a-z0-9.e\\[\\], ]{0,12}",
         (r"timesteps=|hidden=\[|gamma=0\.", any::<u64>()).prop_map(|(key, n)| format!("{key}{n}")),
     ]) {
         match config::resolve(Some("ppo"), None, std::slice::from_ref(&text), None) {

@@ -1,88 +1,46 @@
 //! Deep Q-learning (Mnih et al. 2015), as Stable-Baselines3 2.9 has it.
 //!
 //! Its loop is `Dqn::step`: every environment makes a step, and every `train_freq` of them an update follows. The
-//! networks' arithmetic is behind [`DqnUpdater`], once with libtorch and once fused.
+//! networks' arithmetic is behind [`Engine`]; what is minimised is in [`DqnLoss`].
 
-mod autograd;
-mod fused;
+mod exploration;
+mod loss;
 mod replay;
+mod settings;
 
-use bit_mlp::{BitBatch, GradientNorms};
+use bit_mlp::BitBatch;
 use coverage_env::random::{below, unit_f64};
 use coverage_env::{Action, VecEnv};
 
-pub use autograd::AutogradDqn;
-pub use fused::FusedDqn;
+pub use exploration::Exploration;
+pub use loss::DqnLoss;
 pub use replay::{Replay, ReplayState, Transitions};
+pub use settings::DqnConfig;
 
+use super::config::Config;
+use super::engine::{Engine, Loss};
 use super::episodes::EpisodeWindow;
-use super::random::Stream;
-use super::snapshot::{Position, Snapshot};
+use super::mitigation::Regimen;
+use super::observe::{observations, observe};
+use super::snapshot::{Buffers, Position, Snapshot};
 use super::state::AgentState;
-use super::{Backend, Learner, Metrics, Stage, dose_metrics, greedy, network, observations, observe};
-use crate::config::{Config, DqnConfig, OptimizerConfig};
+use super::{Learner, Metrics, Stage, greedy, weight_norm};
+use crate::random::Stream;
 
 /// Timesteps between two rows of the log.
 const LOG_INTERVAL: u64 = 2048;
-
-/// The networks' part of DQN for S seeds.
-pub trait DqnUpdater: Send {
-    /// Action values for the N current observations of each seed, `[S, N, 4]`.
-    fn act(&mut self, inputs: &[BitBatch], values: &mut [f32]);
-    /// One clipped Adam step per seed on its transitions.
-    fn minibatch(&mut self, transitions: &[&Transitions]) -> Vec<DqnLoss>;
-    /// Copies each network into its target network.
-    fn copy_target(&mut self);
-    /// Norms of the last minibatch's gradient, the loss's and the L2 penalty's.
-    fn norms(&self, seed: usize) -> GradientNorms;
-    /// Writes the weights, target network and optimiser state of a seed into `agent`.
-    fn save(&self, seed: usize, agent: &mut AgentState);
-}
-
-/// What one minibatch brought.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct DqnLoss {
-    /// Mean smooth L1 loss of the temporal-difference errors.
-    pub loss: f32,
-    /// Norm of the gradient before clipping.
-    pub grad_norm: f32,
-}
-
-/// ε over the timesteps of a stage.
-///
-/// Linear from `exploration_initial_eps` to `exploration_final_eps` over the first `exploration_fraction` of the first
-/// stage; a later stage has the final value throughout ("without exploration").
-#[derive(Clone, Copy, Debug)]
-pub struct Exploration {
-    initial: f64,
-    last: f64,
-    /// Timesteps of the decay; 0 where there is none.
-    decay: f64,
-}
-
-impl Exploration {
-    /// The schedule of a stage.
-    pub fn new(config: &DqnConfig, stage: &Stage) -> Self {
-        let decay = if stage.index == 0 { config.exploration_fraction * stage.horizon as f64 } else { 0.0 };
-        Self { initial: config.exploration_initial_eps, last: config.exploration_final_eps, decay }
-    }
-
-    /// ε after this many timesteps.
-    pub fn epsilon(&self, timesteps: u64) -> f64 {
-        let timesteps = timesteps as f64;
-        if timesteps > self.decay || self.decay == 0.0 {
-            return self.last;
-        }
-        self.initial + (self.last - self.initial) * timesteps / self.decay
-    }
-}
+/// The name of the copy that is the target network.
+pub(super) const TARGET: &str = "target";
 
 /// DQN for S independent seeds that advance together.
 pub struct Dqn {
     config: DqnConfig,
-    optimizer: OptimizerConfig,
+    learning_rate: f64,
+    /// γ.
+    gamma: f64,
     exploration: Exploration,
-    updater: Box<dyn DqnUpdater>,
+    engine: Box<dyn Engine>,
+    regimen: Regimen,
     seeds: Vec<Seed>,
     /// Each seed's current observations, kept between steps to spare their memory.
     current: Vec<BitBatch>,
@@ -124,22 +82,15 @@ impl Dqn {
         dqn: &DqnConfig,
         stage: &Stage,
         snapshots: Vec<Snapshot>,
-        backend: Backend,
+        engine: Box<dyn Engine>,
     ) -> Self {
-        let network = network(config, &stage.level);
-        let agents: Vec<AgentState> = snapshots.iter().map(|snapshot| snapshot.agent.clone()).collect();
-        let updater: Box<dyn DqnUpdater> = match backend {
-            Backend::Fused => Box::new(FusedDqn::new(&network, config.gamma, &config.optimizer, &agents)),
-            Backend::Autograd(device) => {
-                Box::new(AutogradDqn::new(network, device, config.gamma, &config.optimizer, &agents))
-            }
-        };
+        let regimen = Regimen::new(config, stage, snapshots.iter().map(|snapshot| &snapshot.agent));
         let timesteps = snapshots[0].position.timesteps;
         let seed = |snapshot: Snapshot| Seed {
             envs: snapshot.envs(config, stage).expect("a snapshot is checked before it is used"),
             actions: Stream::at(&snapshot.position.actions),
             minibatches: Stream::at(&snapshot.position.minibatches),
-            replay: Replay::restore(dqn.buffer_size, &stage.level, &snapshot.replay.unwrap_or_default()),
+            replay: Replay::restore(dqn.buffer_size, &stage.level, &replay_of(&snapshot.buffers)),
             chosen: Vec::with_capacity(config.num_envs),
             transitions: Transitions::new(&stage.level),
             episodes: snapshot.position.episodes,
@@ -148,11 +99,13 @@ impl Dqn {
         };
         Self {
             config: dqn.clone(),
-            optimizer: config.optimizer.clone(),
+            learning_rate: config.optimizer.learning_rate,
+            gamma: config.gamma,
             exploration: Exploration::new(dqn, stage),
-            updater,
-            current: vec![observations(&stage.level); agents.len()],
-            values: vec![0.0; agents.len() * config.num_envs * Action::COUNT],
+            engine,
+            regimen,
+            current: vec![observations(&stage.level); snapshots.len()],
+            values: vec![0.0; snapshots.len() * config.num_envs * Action::COUNT],
             seeds: snapshots.into_iter().map(seed).collect(),
             timesteps,
             end: stage.timesteps,
@@ -174,7 +127,7 @@ impl Dqn {
         let calls = self.seeds[0].agent.counters.target_calls;
         let interval = (self.config.target_update_interval / self.num_envs as u64).max(1);
         if calls.is_multiple_of(interval) {
-            self.updater.copy_target();
+            self.engine.copy(TARGET);
         }
         let steps = self.timesteps / self.num_envs as u64;
         if steps.is_multiple_of(self.config.train_freq) && self.timesteps > self.config.learning_starts {
@@ -190,7 +143,7 @@ impl Dqn {
             for (seed, current) in self.seeds.iter().zip(&mut self.current) {
                 observe(&seed.envs, current);
             }
-            self.updater.act(&self.current, &mut self.values);
+            self.engine.act(&self.current, &mut self.values);
         }
         for (seed, values) in self.seeds.iter_mut().zip(self.values.chunks_exact(self.num_envs * Action::COUNT)) {
             seed.chosen.clear();
@@ -209,30 +162,37 @@ impl Dqn {
         for seed in &mut self.seeds {
             seed.replay.sample(self.config.batch_size, &mut seed.minibatches, &mut seed.transitions);
         }
-        let transitions: Vec<&Transitions> = self.seeds.iter().map(|seed| &seed.transitions).collect();
-        let losses = self.updater.minibatch(&transitions);
-        for (seed, loss) in self.seeds.iter_mut().zip(losses) {
+        let gamma = self.gamma as f32;
+        let mut losses: Vec<DqnLoss<'_>> =
+            self.seeds.iter().map(|seed| DqnLoss::new(gamma, &seed.transitions)).collect();
+        let norms =
+            self.engine.descend(&mut losses.iter_mut().map(|loss| loss as _).collect::<Vec<&mut dyn Loss<'_>>>());
+        let losses: Vec<f32> = losses.into_iter().map(|loss| loss.value).collect();
+        for ((seed, loss), norm) in self.seeds.iter_mut().zip(losses).zip(norms) {
             seed.agent.counters.updates += 1;
-            seed.losses.loss += f64::from(loss.loss);
-            seed.losses.grad_norm += f64::from(loss.grad_norm);
+            seed.losses.loss += f64::from(loss);
+            seed.losses.grad_norm += f64::from(norm);
             seed.losses.count += 1;
         }
+        self.regimen.after_step(&mut *self.engine);
     }
 
     /// The row of a seed; docs/metrics.md defines each column.
-    fn metrics(&self, seed: &Seed, norms: GradientNorms) -> Metrics {
+    fn metrics(&self, s: usize) -> Metrics {
+        let seed = &self.seeds[s];
         let mean = |sum: f64| sum / f64::from(seed.losses.count);
         let mut row = vec![
             ("rollout/ep_rew_mean", seed.episodes.mean_return()),
             ("rollout/ep_len_mean", seed.episodes.mean_length()),
             ("rollout/episodes", seed.episodes.count as f64),
             ("rollout/exploration_rate", self.exploration.epsilon(self.timesteps)),
-            ("train/learning_rate", self.optimizer.learning_rate),
+            ("train/learning_rate", self.learning_rate),
             ("train/loss", mean(seed.losses.loss)),
             ("train/n_updates", seed.agent.counters.updates as f64),
             ("train/grad_norm", mean(seed.losses.grad_norm)),
+            ("train/weight_norm", weight_norm(&seed.agent)),
         ];
-        row.extend(dose_metrics(&seed.agent, &self.optimizer, norms));
+        row.extend(self.regimen.metrics(&*self.engine, s));
         row
     }
 }
@@ -246,9 +206,10 @@ impl Learner for Dqn {
         }
         for (s, seed) in self.seeds.iter_mut().enumerate() {
             seed.agent.counters.timesteps += self.timesteps - before;
-            self.updater.save(s, &mut seed.agent);
+            self.engine.save(s, &mut seed.agent);
+            self.regimen.save(s, &mut seed.agent);
         }
-        self.seeds.iter().enumerate().map(|(s, seed)| self.metrics(seed, self.updater.norms(s))).collect()
+        (0..self.seeds.len()).map(|s| self.metrics(s)).collect()
     }
 
     fn timesteps(&self) -> u64 {
@@ -273,6 +234,13 @@ impl Learner for Dqn {
     fn snapshot(&self, seed: usize) -> Snapshot {
         let seed = &self.seeds[seed];
         let position = Position::of(self.timesteps, &seed.envs, &seed.actions, &seed.minibatches, &seed.episodes);
-        Snapshot { agent: seed.agent.clone(), position, replay: Some(seed.replay.state()) }
+        let mut buffers = Buffers::default();
+        seed.replay.state().write(&mut buffers);
+        Snapshot { agent: seed.agent.clone(), position, buffers }
     }
+}
+
+/// The replay buffer of a checked snapshot.
+fn replay_of(buffers: &Buffers) -> ReplayState {
+    ReplayState::read(buffers).expect("a snapshot is checked before it is used")
 }

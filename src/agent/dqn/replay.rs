@@ -7,7 +7,8 @@ use coverage_env::random::below;
 use coverage_env::{Action, Level, Observation, State, VecEnv};
 use rand::Rng;
 
-use crate::agent::observations;
+use crate::agent::observe::observations;
+use crate::agent::snapshot::{Buffers, Data};
 
 /// A ring of transitions of one seed on one level, the oldest overwritten first.
 ///
@@ -177,6 +178,48 @@ impl Replay {
 }
 
 impl ReplayState {
+    /// Adds it to the buffers of a snapshot.
+    pub fn write(self, buffers: &mut Buffers) {
+        let len = self.actions.len();
+        let words = self.visited.len() / (2 * len).max(1);
+        buffers.add("replay/next", &[1], Data::U64(vec![self.next as u64]));
+        buffers.add("replay/cells", &[len, 2], Data::U16(self.cells));
+        buffers.add("replay/visited", &[len, 2, words], Data::U64(self.visited));
+        buffers.add("replay/actions", &[len], Data::U8(self.actions));
+        buffers.add("replay/rewards", &[len], Data::F32(self.rewards));
+        let terminated = self.terminated.into_iter().map(u8::from).collect();
+        buffers.add("replay/terminated", &[len], Data::U8(terminated));
+    }
+
+    /// Reads it from the buffers of a snapshot.
+    ///
+    /// # Errors
+    /// A buffer that is missing or of another type.
+    pub fn read(buffers: &Buffers) -> Result<Self, String> {
+        let lost = |name: &str| format!("its {name} is missing: it belongs to another algorithm");
+        let data = |name: &str| buffers.get(name).ok_or_else(|| lost(name));
+        let bytes = |name: &str| match data(name)? {
+            Data::U8(values) => Ok(values.clone()),
+            _ => Err(lost(name)),
+        };
+        let words = |name: &str| match data(name)? {
+            Data::U64(values) => Ok(values.clone()),
+            _ => Err(lost(name)),
+        };
+        let next = words("replay/next")?.first().and_then(|&next| usize::try_from(next).ok());
+        let (Data::U16(cells), Data::F32(rewards)) = (data("replay/cells")?, data("replay/rewards")?) else {
+            return Err(lost("replay/cells or replay/rewards"));
+        };
+        Ok(Self {
+            next: next.ok_or_else(|| lost("replay/next"))?,
+            cells: cells.clone(),
+            visited: words("replay/visited")?,
+            actions: bytes("replay/actions")?,
+            rewards: rewards.clone(),
+            terminated: bytes("replay/terminated")?.into_iter().map(|t| t != 0).collect(),
+        })
+    }
+
     /// Checks that a buffer of this capacity on this level can hold it.
     pub(in crate::agent) fn check(&self, capacity: usize, level: &Level) -> Result<(), &'static str> {
         let len = self.actions.len();

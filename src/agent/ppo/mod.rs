@@ -1,68 +1,40 @@
 //! Proximal policy optimisation (Schulman et al. 2017), as Stable-Baselines3 2.9 has it.
 //!
 //! [`Ppo::advance`] is one iteration: collect a rollout, estimate advantages, update over minibatches. The networks'
-//! arithmetic is behind [`PpoUpdater`], once with libtorch and once fused; everything else is here and in [`Rollout`].
+//! arithmetic is behind [`Engine`]; what is minimised is in [`PpoLoss`].
 
-mod autograd;
-mod fused;
+mod loss;
 mod rollout;
+mod settings;
 
-use bit_mlp::{BitBatch, GradientNorms};
+use std::ops::Range;
+
+use bit_mlp::BitBatch;
 use coverage_env::random::{shuffle, unit_f32};
 use coverage_env::{Action, VecEnv};
 
-pub use autograd::AutogradPpo;
-pub use fused::FusedPpo;
-pub use rollout::{Outputs, Rollout};
+pub use loss::{PpoLoss, PpoTerms};
+pub use rollout::Rollout;
+pub use settings::PpoConfig;
 
+use super::config::Config;
+use super::engine::{Engine, Loss};
 use super::episodes::EpisodeWindow;
-use super::random::Stream;
-use super::snapshot::{Position, Snapshot};
+use super::mitigation::Regimen;
+use super::observe::{observations, observe};
+use super::snapshot::{Buffers, Position, Snapshot};
 use super::state::AgentState;
-use super::{Backend, Learner, Metrics, Stage, dose_metrics, network, observations, observe, sample};
-use crate::config::{Config, OptimizerConfig, PpoConfig};
-
-/// The networks' part of PPO for S seeds: forward passes and updates.
-pub trait PpoUpdater: Send {
-    /// Policy logits for the N current observations of each seed, `[S, N, 4]`.
-    fn act(&mut self, inputs: &[BitBatch], logits: &mut [f32]);
-    /// Policy logits and values of every sample of each seed.
-    fn forward(&mut self, inputs: &[&BitBatch]) -> Vec<Outputs>;
-    /// Makes finished rollouts ready for their minibatches.
-    fn load(&mut self, rollouts: &[&Rollout]);
-    /// One clipped Adam step per seed on the samples `indices[s]` of its rollout, equally many for each.
-    fn minibatch(&mut self, rollouts: &[&Rollout], indices: &[&[u32]]) -> Vec<PpoLoss>;
-    /// Norms of the last minibatch's gradient, the loss's and the L2 penalty's.
-    fn norms(&self, seed: usize) -> GradientNorms;
-    /// Writes the weights and optimiser state of a seed into `agent`.
-    fn save(&self, seed: usize, agent: &mut AgentState);
-}
-
-/// The terms of one minibatch's loss, as Stable-Baselines3 logs them.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PpoLoss {
-    /// Clipped surrogate, negated (Schulman et al. 2017, equation 7).
-    pub policy: f32,
-    /// Mean squared error of the values.
-    pub value: f32,
-    /// Negated mean entropy.
-    pub entropy: f32,
-    /// What is descended: policy + ent_coef · entropy + vf_coef · value, an L2 penalty in the loss aside.
-    pub total: f32,
-    /// Schulman's estimate, the mean of (r − 1) − ln r, of the KL divergence from the old policy.
-    pub approx_kl: f32,
-    /// Share of samples whose ratio r left the clip range.
-    pub clip_fraction: f32,
-    /// Norm of the gradient before clipping.
-    pub grad_norm: f32,
-}
+use super::{Learner, Metrics, Stage, sample, weight_norm};
+use crate::random::Stream;
+use loss::{POLICY, VALUE};
 
 /// PPO for S independent seeds that advance together.
 pub struct Ppo {
     config: PpoConfig,
-    optimizer: OptimizerConfig,
+    learning_rate: f64,
     gamma: f64,
-    updater: Box<dyn PpoUpdater>,
+    engine: Box<dyn Engine>,
+    regimen: Regimen,
     seeds: Vec<Seed>,
 }
 
@@ -83,7 +55,8 @@ struct Seed {
 /// The losses of an update's minibatches, summed up for the log.
 #[derive(Default)]
 struct Losses {
-    sum: PpoLoss,
+    sum: PpoTerms,
+    grad_norm: f32,
     count: u32,
     last_total: f32,
     /// Over the last epoch alone, as Stable-Baselines3 has it.
@@ -98,14 +71,9 @@ impl Ppo {
         ppo: &PpoConfig,
         stage: &Stage,
         snapshots: Vec<Snapshot>,
-        backend: Backend,
+        engine: Box<dyn Engine>,
     ) -> Self {
-        let network = network(config, &stage.level);
-        let agents: Vec<AgentState> = snapshots.iter().map(|snapshot| snapshot.agent.clone()).collect();
-        let updater: Box<dyn PpoUpdater> = match backend {
-            Backend::Fused => Box::new(FusedPpo::new(&network, ppo, &config.optimizer, &agents)),
-            Backend::Autograd(device) => Box::new(AutogradPpo::new(network, device, ppo, &config.optimizer, &agents)),
-        };
+        let regimen = Regimen::new(config, stage, snapshots.iter().map(|snapshot| &snapshot.agent));
         let seed = |snapshot: Snapshot| Seed {
             envs: snapshot.envs(config, stage).expect("a snapshot is checked before it is used"),
             actions: Stream::at(&snapshot.position.actions),
@@ -119,9 +87,10 @@ impl Ppo {
         };
         Self {
             config: ppo.clone(),
-            optimizer: config.optimizer.clone(),
+            learning_rate: config.optimizer.learning_rate,
             gamma: config.gamma,
-            updater,
+            engine,
+            regimen,
             seeds: snapshots.into_iter().map(seed).collect(),
         }
     }
@@ -137,7 +106,7 @@ impl Ppo {
             for (seed, current) in self.seeds.iter().zip(&mut current) {
                 observe(&seed.envs, current);
             }
-            self.updater.act(&current, &mut logits);
+            self.engine.act(&current, &mut logits);
             for (s, (seed, logits)) in self.seeds.iter_mut().zip(logits.chunks_exact(num_envs * 4)).enumerate() {
                 actions.clear();
                 actions.extend(logits.chunks_exact(4).map(|z| sample(z, unit_f32(&mut seed.actions))));
@@ -155,16 +124,18 @@ impl Ppo {
 
     /// Values, log-probabilities, advantages and returns of the collected rollouts.
     fn estimate(&mut self) {
-        let outputs = self.updater.forward(&self.seeds.iter().map(|seed| &seed.rollout.inputs).collect::<Vec<_>>());
-        let beyond = self.updater.forward(&self.seeds.iter().map(|seed| &seed.rollout.beyond).collect::<Vec<_>>());
-        for (seed, (outputs, beyond)) in self.seeds.iter_mut().zip(outputs.iter().zip(&beyond)) {
-            seed.rollout.estimate(outputs, &beyond.values, self.gamma, self.config.gae_lambda);
+        let collected: Vec<&BitBatch> = self.seeds.iter().map(|seed| &seed.rollout.inputs).collect();
+        let beyond: Vec<&BitBatch> = self.seeds.iter().map(|seed| &seed.rollout.beyond).collect();
+        let logits = self.engine.forward(POLICY, &collected);
+        let values = self.engine.forward(VALUE, &collected);
+        let beyond = self.engine.forward(VALUE, &beyond);
+        for (((seed, logits), values), beyond) in self.seeds.iter_mut().zip(logits).zip(values).zip(beyond) {
+            seed.rollout.estimate(&logits, values, &beyond, self.gamma, self.config.gae_lambda);
         }
     }
 
     /// `n_epochs` passes of minibatches over the rollouts, each in a fresh order.
     fn update(&mut self) {
-        self.updater.load(&self.seeds.iter().map(|seed| &seed.rollout).collect::<Vec<_>>());
         for seed in &mut self.seeds {
             seed.losses = Losses::default();
             // Beginning from the same order each time, an update depends on no order before it.
@@ -178,18 +149,30 @@ impl Ppo {
             }
             let samples = self.seeds[0].order.len();
             for start in (0..samples).step_by(self.config.batch_size) {
-                let end = samples.min(start + self.config.batch_size);
-                let rollouts: Vec<&Rollout> = self.seeds.iter().map(|seed| &seed.rollout).collect();
-                let indices: Vec<&[u32]> = self.seeds.iter().map(|seed| &seed.order[start..end]).collect();
-                let losses = self.updater.minibatch(&rollouts, &indices);
-                self.seeds.iter_mut().zip(losses).for_each(|(seed, loss)| seed.losses.push(loss));
+                self.minibatch(start..samples.min(start + self.config.batch_size));
             }
         }
         for (s, seed) in self.seeds.iter_mut().enumerate() {
             seed.agent.counters.updates += self.config.n_epochs as u64;
             seed.agent.counters.timesteps += seed.rollout.len() as u64;
-            self.updater.save(s, &mut seed.agent);
+            self.engine.save(s, &mut seed.agent);
+            self.regimen.save(s, &mut seed.agent);
         }
+    }
+
+    /// One step per seed on these places of its order.
+    fn minibatch(&mut self, places: Range<usize>) {
+        let (config, seeds) = (&self.config, &self.seeds);
+        let seeds = seeds.iter();
+        let mut losses: Vec<PpoLoss<'_>> =
+            seeds.map(|seed| PpoLoss::new(config, &seed.rollout, &seed.order[places.clone()])).collect();
+        let norms =
+            self.engine.descend(&mut losses.iter_mut().map(|loss| loss as _).collect::<Vec<&mut dyn Loss<'_>>>());
+        let terms: Vec<PpoTerms> = losses.into_iter().map(|loss| loss.terms).collect();
+        for ((seed, terms), norm) in self.seeds.iter_mut().zip(terms).zip(norms) {
+            seed.losses.push(terms, norm);
+        }
+        self.regimen.after_step(&mut *self.engine);
     }
 }
 
@@ -198,25 +181,25 @@ impl Losses {
         (self.kl_sum, self.kl_count) = (0.0, 0);
     }
 
-    fn push(&mut self, loss: PpoLoss) {
-        self.sum.policy += loss.policy;
-        self.sum.value += loss.value;
-        self.sum.entropy += loss.entropy;
-        self.sum.clip_fraction += loss.clip_fraction;
-        self.sum.grad_norm += loss.grad_norm;
+    fn push(&mut self, terms: PpoTerms, grad_norm: f32) {
+        self.sum.policy += terms.policy;
+        self.sum.value += terms.value;
+        self.sum.entropy += terms.entropy;
+        self.sum.clip_fraction += terms.clip_fraction;
+        self.grad_norm += grad_norm;
         self.count += 1;
-        self.last_total = loss.total;
-        self.kl_sum += loss.approx_kl;
+        self.last_total = terms.total;
+        self.kl_sum += terms.approx_kl;
         self.kl_count += 1;
     }
 }
 
 impl Seed {
     /// The row of the update just made; docs/metrics.md defines each column.
-    fn metrics(&self, config: &PpoConfig, optimizer: &OptimizerConfig, norms: GradientNorms) -> Metrics {
+    fn metrics(&self, config: &PpoConfig, learning_rate: f64) -> Metrics {
         let mean = |sum: f32| f64::from(sum) / f64::from(self.losses.count);
         let losses = &self.losses;
-        let mut row = vec![
+        vec![
             ("rollout/ep_rew_mean", self.episodes.mean_return()),
             ("rollout/ep_len_mean", self.episodes.mean_length()),
             ("rollout/episodes", self.episodes.count as f64),
@@ -225,15 +208,14 @@ impl Seed {
             ("train/clip_range", config.clip_range),
             ("train/entropy_loss", mean(losses.sum.entropy)),
             ("train/explained_variance", self.rollout.explained_variance()),
-            ("train/learning_rate", optimizer.learning_rate),
+            ("train/learning_rate", learning_rate),
             ("train/loss", f64::from(losses.last_total)),
             ("train/policy_gradient_loss", mean(losses.sum.policy)),
             ("train/value_loss", mean(losses.sum.value)),
             ("train/n_updates", self.agent.counters.updates as f64),
-            ("train/grad_norm", mean(losses.sum.grad_norm)),
-        ];
-        row.extend(dose_metrics(&self.agent, optimizer, norms));
-        row
+            ("train/grad_norm", mean(losses.grad_norm)),
+            ("train/weight_norm", weight_norm(&self.agent)),
+        ]
     }
 }
 
@@ -242,7 +224,11 @@ impl Learner for Ppo {
         self.collect();
         self.estimate();
         self.update();
-        let row = |(s, seed): (usize, &Seed)| seed.metrics(&self.config, &self.optimizer, self.updater.norms(s));
+        let row = |(s, seed): (usize, &Seed)| {
+            let mut row = seed.metrics(&self.config, self.learning_rate);
+            row.extend(self.regimen.metrics(&*self.engine, s));
+            row
+        };
         self.seeds.iter().enumerate().map(row).collect()
     }
 
@@ -265,6 +251,6 @@ impl Learner for Ppo {
     fn snapshot(&self, seed: usize) -> Snapshot {
         let seed = &self.seeds[seed];
         let position = Position::of(seed.timesteps, &seed.envs, &seed.actions, &seed.minibatches, &seed.episodes);
-        Snapshot { agent: seed.agent.clone(), position, replay: None }
+        Snapshot { agent: seed.agent.clone(), position, buffers: Buffers::default() }
     }
 }

@@ -4,16 +4,7 @@ use bit_mlp::BitBatch;
 use coverage_env::{Action, Level, Observation, State, VecEnv};
 use rand::Rng;
 
-use crate::agent::{observations, observe};
-
-/// A forward pass over B samples.
-#[derive(Clone, Debug, Default)]
-pub struct Outputs {
-    /// Policy logits `[B, 4]`.
-    pub logits: Vec<f32>,
-    /// `[B]`.
-    pub values: Vec<f32>,
-}
+use crate::agent::observe::{observations, observe};
 
 /// The rollout of one seed: T steps of N environments, stored time-major, `[T, N]`.
 #[derive(Clone, Debug, Default)]
@@ -99,19 +90,19 @@ impl Rollout {
 
     /// Fills in values, log-probabilities, advantages and returns.
     ///
-    /// `outputs` belong to `inputs` and `beyond` holds the values of the observations beyond. The reward of a step
+    /// `logits`, `[T, N, 4]`, and `values`, `[T, N]`, belong to `inputs`; `beyond` are the values of the observations beyond. The reward of a step
     /// that truncated its episode first gains γ·V(final observation), which is as much as not ending it there
     /// (Pardo et al. 2018, section 3); then generalised advantage estimation (Schulman et al. 2016, equation 16)
     ///
     /// δₜ = rₜ + γ·V(sₜ₊₁)·(1 − dₜ) − V(sₜ), Aₜ = δₜ + γλ·(1 − dₜ)·Aₜ₊₁.
-    pub fn estimate(&mut self, outputs: &Outputs, beyond: &[f32], gamma: f64, lambda: f64) {
+    pub fn estimate(&mut self, logits: &[f32], values: Vec<f32>, beyond: &[f32], gamma: f64, lambda: f64) {
         let (last_values, final_values) = beyond.split_at(self.num_envs);
         for (&at, value) in self.truncated.iter().zip(final_values) {
             self.rewards[at] += gamma as f32 * value;
         }
-        self.values.clone_from(&outputs.values);
+        self.values = values;
         self.log_probs.clear();
-        let taken = outputs.logits.chunks_exact(Action::COUNT).zip(&self.actions);
+        let taken = logits.chunks_exact(Action::COUNT).zip(&self.actions);
         self.log_probs.extend(taken.map(|(logits, &action)| log_softmax(logits)[usize::from(action)]));
 
         let (n, samples) = (self.num_envs, self.rewards.len());

@@ -72,10 +72,10 @@ impl Probe {
         distributions: &mut Vec<(String, Vec<f32>)>,
     ) {
         tower.mlp.forward(parameters, self.states.all(), workspace);
-        let last = tower.mlp.num_layers() - 1;
-        for (i, layer) in tower.mlp.layers().enumerate() {
+        let last = tower.mlp.blocks().len() - 1;
+        for (i, layer) in tower.mlp.blocks().iter().enumerate() {
             let name = format!("{}.{i}", tower.name);
-            let weights = &parameters[layer.weight];
+            let weights = &parameters[layer.weight.clone()];
             distributions.push((format!("weights/{name}"), weights.to_vec()));
             let hidden = (i < last).then(|| {
                 let activations = workspace.activations(i);
@@ -93,6 +93,7 @@ impl Probe {
 fn units(activation: Activation) -> Units {
     match activation {
         Activation::Tanh => Units::Tanh,
-        Activation::Relu => Units::Relu,
+        // Each unit of CReLU leaves two values, both as those of ReLU.
+        Activation::Relu | Activation::Crelu => Units::Relu,
     }
 }

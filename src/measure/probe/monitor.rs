@@ -1,7 +1,7 @@
 //! When a stage is measured, and the hold that a measurement takes of the training loop.
 
-use crate::agent::{self, Learner, Stage};
-use crate::config::Config;
+use crate::agent::config::Config;
+use crate::agent::{Learner, Stage};
 
 use super::{Measurement, Probe, reference_batch};
 
@@ -35,7 +35,7 @@ impl Monitor {
     pub fn new(interval: u64, config: &Config, stage: &Stage) -> Option<Self> {
         let probe = || {
             let states = reference_batch(&stage.level, config.max_steps);
-            Probe::new(agent::network(config, &stage.level), states)
+            Probe::new(config.network(&stage.level), states)
         };
         let schedule = Schedule { interval, timesteps: stage.timesteps };
         (interval > 0).then(|| Self { probe: probe(), schedule })

@@ -6,7 +6,7 @@ use bit_mlp::BitBatch;
 use coverage_env::random::below;
 use coverage_env::{Action, CoverageEnv, Level, Observation};
 
-use crate::agent::random::{Purpose, Stream};
+use crate::random::{Purpose, Stream};
 
 /// N, the states of a batch.
 pub const NUM_STATES: usize = 512;

@@ -8,9 +8,9 @@ use coverage_env::planner::{self, AStar, Optimal, Random};
 use serde::Serialize;
 
 use super::runs::Found;
-use crate::agent::random::{Purpose, Stream};
 use crate::error::UserError;
 use crate::evaluate::{self, Starts};
+use crate::random::{Purpose, Stream};
 use crate::results::{Episode, LevelResult, mean_std};
 
 /// A level as its runs had it.

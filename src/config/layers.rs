@@ -1,19 +1,17 @@
-//! Layers of settings, each remembering where it came from, and their resolution into a [`Config`].
+//! Layers of settings, each remembering where it came from: a preset, a file, `--set` flags.
 
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use super::presets::{preset, preset_names};
-use super::{Algorithm, Config, DqnConfig, Field, L2, PpoConfig, Visitor};
+use super::{Field, Settings, Visitor};
 use crate::text_file;
 
 /// A config file larger than this is not one.
 const MAX_FILE_BYTES: u64 = 1 << 20;
-/// Samples of a rollout; each takes some tens of bytes.
-const MAX_ROLLOUT: usize = 1 << 22;
 
 /// A setting that cannot be taken: where it stands, what is wrong, and how to mend it.
 #[derive(Debug, thiserror::Error)]
@@ -31,6 +29,7 @@ enum Origin {
     Set(String),
     Timesteps,
     Algo,
+    Manifest,
 }
 
 impl fmt::Display for Origin {
@@ -42,6 +41,7 @@ impl fmt::Display for Origin {
             Self::Set(text) => write!(f, "--set {text}"),
             Self::Timesteps => write!(f, "--timesteps"),
             Self::Algo => write!(f, "--algo"),
+            Self::Manifest => write!(f, "the manifest's settings"),
         }
     }
 }
@@ -55,42 +55,140 @@ impl Origin {
 /// Settings by key; a later layer replaces what an earlier one said.
 type Layer = BTreeMap<String, (Value, Origin)>;
 
-/// Resolves preset, file and `--set key=value` flags, in this order, into a config.
-///
-/// Without `algo` the file must name its preset (`extends`) or be complete, as a run's `config.yaml` is.
-///
-/// # Errors
-/// The first setting that cannot be taken.
-pub fn resolve(
-    algo: Option<&str>,
-    file: Option<&Path>,
-    sets: &[String],
-    timesteps: Option<u64>,
-) -> Result<Config, ConfigError> {
-    let mut top = Layer::new();
-    if let Some(path) = file {
-        top = read_file(path)?;
-    }
-    for text in sets {
-        let (key, setting) = parse_set(text)?;
-        top.insert(key, setting);
-    }
-    if let Some(timesteps) = timesteps {
-        top.insert("timesteps".to_owned(), (timesteps.into(), Origin::Timesteps));
-    }
-    if let Some(algo) = algo {
-        refuse_contradiction(algo, &top)?;
-    }
-    let mut layers = match (algo, top.remove("extends")) {
-        (Some(algo), Some((extends, origin))) if extends.as_str() != Some(algo) => {
-            return Err(origin.error(format!("it extends {extends}, but --algo says \"{algo}\": drop one of the two")));
+/// The settings of one run from all layers, each taken out by whoever declares it.
+#[derive(Clone, Debug)]
+pub struct Layers {
+    /// What nobody has taken yet.
+    left: Layer,
+    /// Where every setting came from, taken or not.
+    origins: BTreeMap<String, Origin>,
+}
+
+impl Layers {
+    /// Reads preset, file and `--set key=value` flags, in this order.
+    ///
+    /// Without `algo` the file must name its preset (`extends`) or be complete, as a run's `config.yaml` is.
+    ///
+    /// # Errors
+    /// A layer that cannot be read, or that contradicts another one.
+    pub fn read(
+        algo: Option<&str>,
+        file: Option<&Path>,
+        sets: &[String],
+        timesteps: Option<u64>,
+    ) -> Result<Self, ConfigError> {
+        let mut top = Layer::new();
+        if let Some(path) = file {
+            top = read_file(path)?;
         }
-        (Some(algo), _) => preset_layers(algo, &Origin::Algo)?,
-        (None, Some((extends, origin))) => preset_layers(&text_of("extends", &extends, &origin)?, &origin)?,
-        (None, None) => Layer::new(),
-    };
-    layers.extend(top);
-    build(layers)
+        for text in sets {
+            let (key, setting) = parse_set(text)?;
+            top.insert(key, setting);
+        }
+        if let Some(timesteps) = timesteps {
+            top.insert("timesteps".to_owned(), (timesteps.into(), Origin::Timesteps));
+        }
+        if let Some(algo) = algo {
+            refuse_contradiction(algo, &top)?;
+        }
+        let mut layers = match (algo, top.remove("extends")) {
+            (Some(algo), Some((extends, origin))) if extends.as_str() != Some(algo) => {
+                return Err(
+                    origin.error(format!("it extends {extends}, but --algo says \"{algo}\": drop one of the two"))
+                );
+            }
+            (Some(algo), _) => preset_layers(algo, &Origin::Algo)?,
+            (None, Some((extends, origin))) => preset_layers(&text_of("extends", &extends, &origin)?, &origin)?,
+            (None, None) => Layer::new(),
+        };
+        layers.extend(top);
+        Ok(Self::new(layers))
+    }
+
+    fn new(layers: Layer) -> Self {
+        let origins = layers.iter().map(|(key, (_, origin))| (key.clone(), origin.clone())).collect();
+        Self { left: layers, origins }
+    }
+
+    /// The settings that a manifest recorded.
+    pub fn recorded(settings: &Map<String, Value>) -> Self {
+        let setting = |(key, value): (&String, &Value)| (key.clone(), (value.clone(), Origin::Manifest));
+        Self::new(settings.iter().map(setting).collect())
+    }
+
+    /// Gives a setting that had another name its present one, and its values theirs.
+    pub fn rename(&mut self, old: &str, new: &str, values: &[(&str, &str)]) {
+        let Some((value, origin)) = self.left.remove(old) else { return };
+        let renamed = values.iter().find(|(old, _)| value.as_str() == Some(old)).map(|(_, new)| Value::from(*new));
+        self.left.entry(new.to_owned()).or_insert((renamed.unwrap_or(value), origin.clone()));
+        self.origins.entry(new.to_owned()).or_insert(origin);
+    }
+
+    /// Whether a setting is there and not taken yet.
+    pub fn contains(&self, key: &str) -> bool {
+        self.left.contains_key(key)
+    }
+
+    /// The first of these keys that was set outside of a preset: the one to change where several do not fit together.
+    pub fn set_by_user<'a>(&self, keys: &[&'a str]) -> Option<&'a str> {
+        let by_user = |key: &&&str| self.origins.get(**key).is_some_and(|origin| !matches!(origin, Origin::Preset(_)));
+        keys.iter().find(by_user).copied()
+    }
+
+    /// An error about a setting, naming where it came from; about the preset, where nothing set it.
+    pub fn error(&self, key: &str, problem: impl Into<String>) -> ConfigError {
+        self.origins.get(key).unwrap_or(&Origin::Algo).error(problem)
+    }
+
+    /// Takes a text out.
+    ///
+    /// # Errors
+    /// A value that is no text, or one that `check` refuses.
+    pub fn take_text(
+        &mut self,
+        key: &str,
+        check: impl Fn(&str) -> Result<(), String>,
+    ) -> Result<Option<String>, ConfigError> {
+        let Some((value, origin)) = self.left.remove(key) else { return Ok(None) };
+        let text = text_of(key, &value, &origin)?;
+        check(&text).map_err(|problem| origin.error(problem))?;
+        Ok(Some(text))
+    }
+
+    /// Takes out every setting that `settings` declares.
+    ///
+    /// # Errors
+    /// The first value that is not allowed.
+    pub fn fill(&mut self, settings: &mut dyn Settings) -> Result<(), ConfigError> {
+        struct Take<'a> {
+            layer: &'a mut Layer,
+            error: Option<ConfigError>,
+        }
+        impl Visitor for Take<'_> {
+            fn field(&mut self, key: &'static str, _doc: &'static str, field: &mut dyn Field) {
+                if let Some((value, origin)) = self.layer.remove(key)
+                    && let Err(allowed) = field.set(&value)
+                {
+                    let error = origin.error(format!("{key}: expected {allowed}, got {value}"));
+                    self.error.get_or_insert(error);
+                }
+            }
+        }
+        let mut take = Take { layer: &mut self.left, error: None };
+        settings.visit(&mut take);
+        take.error.map_or(Ok(()), Err)
+    }
+
+    /// Refuses settings that nobody has taken; `remedy` says what may be meant by a key.
+    ///
+    /// # Errors
+    /// The first that is left.
+    pub fn finish(self, remedy: impl Fn(&str) -> String) -> Result<(), ConfigError> {
+        match self.left.first_key_value() {
+            Some((key, (_, origin))) => Err(origin.error(remedy(key))),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Refuses a file that says it is another algorithm or preset than `--algo` does.
@@ -112,94 +210,8 @@ fn refuse_contradiction(algo: &str, top: &Layer) -> Result<(), ConfigError> {
     Ok(())
 }
 
-/// Turns merged settings into a config; nothing may be left over.
-fn build(mut settings: Layer) -> Result<Config, ConfigError> {
-    let Some((algorithm, origin)) = settings.remove("algorithm") else {
-        let names: Vec<&str> = preset_names().collect();
-        return Err(Origin::Algo.error(format!("no algorithm chosen: say --algo with one of {}", names.join(", "))));
-    };
-    let mut config = match algorithm.as_str() {
-        Some("ppo") => Config::new(Algorithm::Ppo(PpoConfig::default())),
-        Some("dqn") => Config::new(Algorithm::Dqn(DqnConfig::default())),
-        _ => return Err(origin.error(format!("algorithm: expected ppo or dqn, got {algorithm}"))),
-    };
-    if let Some((name, origin)) = settings.remove("name") {
-        config.name = text_of("name", &name, &origin)?;
-        check_name(&config.name).map_err(|problem| origin.error(problem))?;
-    }
-
-    let mut take = Take { settings, known: vec!["name", "algorithm", "extends"], error: None };
-    let l2_origin = take.settings.get("l2_coef").map_or(Origin::Algo, |(_, origin)| origin.clone());
-    // Whichever of them the user set is the one to change.
-    let products = ["num_envs", "n_steps", "buffer_size"].into_iter().filter_map(|key| take.settings.get(key));
-    let of_user = products.map(|(_, origin)| origin).find(|origin| !matches!(origin, Origin::Preset(_)));
-    let products_origin = of_user.cloned().unwrap_or(Origin::Algo);
-    config.visit(&mut take);
-    if let Some(error) = take.error {
-        return Err(error);
-    }
-    if let Some((key, (_, origin))) = take.settings.first_key_value() {
-        return Err(origin.error(unknown_key(key, &take.known, config.algorithm.name())));
-    }
-    if config.optimizer.l2 == L2::None && config.optimizer.l2_coef != 0.0 {
-        return Err(
-            l2_origin.error("l2_coef has no effect while l2 is none: choose l2=adamw, adam or loss, or drop it")
-        );
-    }
-    check_products(&config).map_err(|problem| products_origin.error(problem))?;
-    Ok(config)
-}
-
-/// Settings that are possible one by one, but not together.
-fn check_products(config: &Config) -> Result<(), String> {
-    match &config.algorithm {
-        Algorithm::Dqn(dqn) if dqn.buffer_size < config.num_envs => Err(format!(
-            "buffer_size: expected room for a transition of each environment, {} (num_envs) or more, got {}",
-            config.num_envs, dqn.buffer_size
-        )),
-        Algorithm::Ppo(ppo) if ppo.n_steps * config.num_envs > MAX_ROLLOUT => Err(format!(
-            "n_steps × num_envs: {} × {} makes {} samples in a rollout; at most {MAX_ROLLOUT} are possible",
-            ppo.n_steps,
-            config.num_envs,
-            ppo.n_steps * config.num_envs
-        )),
-        _ => Ok(()),
-    }
-}
-
-/// Reads the declared settings out of a layer.
-struct Take {
-    settings: Layer,
-    known: Vec<&'static str>,
-    error: Option<ConfigError>,
-}
-
-impl Visitor for Take {
-    fn field(&mut self, key: &'static str, _doc: &'static str, field: &mut dyn Field) {
-        self.known.push(key);
-        if let Some((value, origin)) = self.settings.remove(key)
-            && let Err(allowed) = field.set(&value)
-        {
-            let error = origin.error(format!("{key}: expected {allowed}, got {value}"));
-            self.error.get_or_insert(error);
-        }
-    }
-}
-
-fn unknown_key(key: &str, known: &[&str], algorithm: &str) -> String {
-    let others = [Algorithm::Ppo(PpoConfig::default()), Algorithm::Dqn(DqnConfig::default())].map(Config::new);
-    let remedy = match others.iter().find(|config| config.to_json().contains_key(key)) {
-        Some(other) => format!("it is one of {}", other.algorithm.name()),
-        None => nearest(key, known).map_or_else(
-            || format!("known keys are {}", known.join(", ")),
-            |nearest| format!("did you mean \"{nearest}\"?"),
-        ),
-    };
-    format!("unknown key \"{key}\" for algorithm {algorithm}; {remedy}")
-}
-
 /// The known word that `word` was probably meant to be.
-fn nearest<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
+pub fn nearest<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
     let distances = known.iter().map(|k| (strsim::damerau_levenshtein(k, word), *k));
     distances.min().filter(|(distance, k)| *distance <= 1 + k.len() / 3).map(|(_, nearest)| nearest)
 }

@@ -1,5 +1,5 @@
-//! What the learners do between two rows of the log, with the study's settings on level 0, fused and with autograd:
-//! `cargo bench -p cpp-rl`, best on an idle core (`taskset -c 0`).
+//! What the learners do between two rows of the log, with the paper's settings on level 0, with both engines:
+//! `cargo bench -p torch-engine`, best on an idle core (`taskset -c 0`).
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -7,18 +7,16 @@ use std::time::Duration;
 
 use coverage_env::random::{below, shuffle};
 use coverage_env::{Action, BUILTIN_IDS, Level, MAX_STEPS, Observation, VecEnv};
-use cpp_rl::agent::dqn::{AutogradDqn, DqnUpdater, FusedDqn, Replay, Transitions};
-use cpp_rl::agent::network::Network;
-use cpp_rl::agent::ppo::{AutogradPpo, FusedPpo, PpoUpdater, Rollout};
-use cpp_rl::agent::random::{Purpose, Stream};
-use cpp_rl::agent::state::AgentState;
-use cpp_rl::agent::{self, Backend, Learner, Stage};
-use cpp_rl::config::{self, Algorithm, Config, DqnConfig, PpoConfig};
+use cpp_rl::agent::config::{self, Config};
+use cpp_rl::agent::dqn::{DqnConfig, DqnLoss, Replay, Transitions};
+use cpp_rl::agent::engine::{self, Device, Engine, EngineKind};
+use cpp_rl::agent::ppo::{PpoConfig, PpoLoss, Rollout};
+use cpp_rl::agent::{self, Learner, Stage};
 use cpp_rl::evaluate::{self, Choose, Starts};
+use cpp_rl::random::{Purpose, Stream};
 use criterion::{Criterion, SamplingMode, Throughput, criterion_group, criterion_main};
-use tch::Device;
 
-const BACKENDS: [Backend; 2] = [Backend::Fused, Backend::Autograd(Device::Cpu)];
+const ENGINES: [EngineKind; 2] = [EngineKind::Fused, EngineKind::Libtorch(Device::Cpu)];
 /// Timesteps of a rollout, and between two rows of DQN's log.
 const TIMESTEPS: u64 = 2048;
 
@@ -27,43 +25,42 @@ fn level(id: &str) -> Arc<Level> {
 }
 
 /// One seed at the beginning of a stage that ends after every benchmark.
-fn learner(config: &Config, backend: Backend) -> Box<dyn Learner> {
+fn learner(config: &Config, kind: EngineKind) -> Box<dyn Learner> {
     let stage = Stage { index: 0, level: level("0"), timesteps: 1 << 50, horizon: 1 << 50 };
-    let agents = vec![agent::fresh(config, &stage.level, 0)];
-    agent::learner(config, &stage, agents, backend)
+    let agents = vec![config.agent(&stage.level, 0)];
+    agent::learner(config, &stage, agents, kind)
 }
 
 fn ppo(criterion: &mut Criterion) {
     let config = config::resolve(Some("ppo"), None, &[], None).expect("a preset");
-    let Algorithm::Ppo(settings) = &config.algorithm else { unreachable!("the preset is PPO's") };
+    let settings = config.of::<PpoConfig>().expect("the preset is PPO's");
     // Without an epoch, an iteration is collecting and estimating alone.
     let without_update =
-        Config { algorithm: Algorithm::Ppo(PpoConfig { n_epochs: 0, ..settings.clone() }), ..config.clone() };
+        Config { algorithm: Box::new(PpoConfig { n_epochs: 0, ..settings.clone() }), ..config.clone() };
     let rollout = rollout(settings.n_steps);
     let mut order: Vec<u32> = (0..rollout.len() as u32).collect();
     shuffle(&mut Stream::new(0, 0, Purpose::Minibatches), &mut order);
     let minibatches = || order.chunks(settings.batch_size);
 
-    for backend in BACKENDS {
-        let mut group = criterion.benchmark_group(format!("ppo_{}", backend.name()));
-        let mut updater = ppo_updater(&config, settings, backend);
-        updater.load(&[&rollout]);
+    for kind in ENGINES {
+        let mut group = criterion.benchmark_group(format!("ppo_{}", kind.name()));
+        let mut engine = engine_of(&config, kind);
+        let mut step = |indices| engine.descend(&mut [&mut PpoLoss::new(settings, &rollout, indices)]);
         let mut next = minibatches().cycle();
         group.bench_function("minibatch", |bencher| {
-            bencher.iter(|| updater.minibatch(&[&rollout], &[next.next().expect("a cycle has no end")]));
+            bencher.iter(|| step(next.next().expect("a cycle has no end")));
         });
         group.sample_size(10).sampling_mode(SamplingMode::Flat).throughput(Throughput::Elements(TIMESTEPS));
-        let mut learner_without = learner(&without_update, backend);
+        let mut learner_without = learner(&without_update, kind);
         group.bench_function("rollout", |bencher| bencher.iter(|| learner_without.advance()));
         group.bench_function("update", |bencher| {
             bencher.iter(|| {
-                updater.load(&[&rollout]);
                 for indices in (0..settings.n_epochs).flat_map(|_| minibatches()) {
-                    black_box(updater.minibatch(&[&rollout], &[indices]));
+                    black_box(step(indices));
                 }
             });
         });
-        let mut learner = learner(&config, backend);
+        let mut learner = learner(&config, kind);
         group.bench_function("rollout_and_update", |bencher| bencher.iter(|| learner.advance()));
         group.finish();
     }
@@ -71,10 +68,10 @@ fn ppo(criterion: &mut Criterion) {
 
 fn dqn(criterion: &mut Criterion) {
     let config = config::resolve(Some("dqn"), None, &[], None).expect("a preset");
-    let Algorithm::Dqn(settings) = &config.algorithm else { unreachable!("the preset is DQN's") };
+    let settings = config.of::<DqnConfig>().expect("the preset is DQN's");
     // As it is for nine tenths of a training.
     let settings = DqnConfig { exploration_initial_eps: settings.exploration_final_eps, ..settings.clone() };
-    let config = Config { algorithm: Algorithm::Dqn(settings.clone()), ..config };
+    let config = Config { algorithm: Box::new(settings.clone()), ..config.clone() };
     let replay = replay(settings.buffer_size);
     let mut stream = Stream::new(0, 0, Purpose::Minibatches);
     let mut transitions = Transitions::new(&level("0"));
@@ -85,26 +82,27 @@ fn dqn(criterion: &mut Criterion) {
         });
     });
 
-    for backend in BACKENDS {
-        let mut group = criterion.benchmark_group(format!("dqn_{}", backend.name()));
-        let mut updater = dqn_updater(&config, backend);
-        group.bench_function("minibatch", |bencher| bencher.iter(|| updater.minibatch(&[&transitions])));
+    for kind in ENGINES {
+        let mut group = criterion.benchmark_group(format!("dqn_{}", kind.name()));
+        let mut engine = engine_of(&config, kind);
+        let mut step = || engine.descend(&mut [&mut DqnLoss::new(config.gamma as f32, &transitions)]);
+        group.bench_function("minibatch", |bencher| bencher.iter(&mut step));
         group.sample_size(10).sampling_mode(SamplingMode::Flat).throughput(Throughput::Elements(TIMESTEPS));
-        let mut learner = learner(&config, backend);
+        let mut learner = learner(&config, kind);
         learner.advance(); // past learning_starts
         group.bench_function("2048_timesteps", |bencher| bencher.iter(|| learner.advance()));
         group.finish();
     }
 }
 
-/// Every start cell of the five levels. A fresh agent solves none of them, so that every episode has its full 200
+/// Every start cell of the five levels. An agent from scratch solves none of them, so that every episode has its full 200
 /// steps: the most that an evaluation can cost.
 fn evaluation(criterion: &mut Criterion) {
     let levels: Vec<Arc<Level>> = BUILTIN_IDS.iter().map(|id| level(id)).collect();
     for algo in ["ppo", "dqn"] {
         let config = config::resolve(Some(algo), None, &[], None).expect("a preset");
-        let network = agent::network(&config, &levels[0]);
-        let agent = agent::fresh(&config, &levels[0], 0);
+        let network = config.network(&levels[0]);
+        let agent = config.agent(&levels[0], 0);
         criterion.bench_function(&format!("evaluation_of_five_levels/{algo}"), |bencher| {
             bencher.iter(|| {
                 for level in &levels {
@@ -116,28 +114,10 @@ fn evaluation(criterion: &mut Criterion) {
     }
 }
 
-/// Networks of one fresh agent.
-fn networks(config: &Config) -> (Network, [AgentState; 1]) {
+/// The engine of one agent from scratch.
+fn engine_of(config: &Config, kind: EngineKind) -> Box<dyn Engine> {
     let level = level("0");
-    (agent::network(config, &level), [agent::fresh(config, &level, 0)])
-}
-
-fn ppo_updater(config: &Config, settings: &PpoConfig, backend: Backend) -> Box<dyn PpoUpdater> {
-    let (network, agents) = networks(config);
-    match backend {
-        Backend::Fused => Box::new(FusedPpo::new(&network, settings, &config.optimizer, &agents)),
-        Backend::Autograd(device) => Box::new(AutogradPpo::new(network, device, settings, &config.optimizer, &agents)),
-    }
-}
-
-fn dqn_updater(config: &Config, backend: Backend) -> Box<dyn DqnUpdater> {
-    let (network, agents) = networks(config);
-    match backend {
-        Backend::Fused => Box::new(FusedDqn::new(&network, config.gamma, &config.optimizer, &agents)),
-        Backend::Autograd(device) => {
-            Box::new(AutogradDqn::new(network, device, config.gamma, &config.optimizer, &agents))
-        }
-    }
+    engine::new(kind, config.parts(&level, vec![config.agent(&level, 0)]))
 }
 
 /// One environment on level 0, and a policy that draws its actions uniformly.
@@ -193,9 +173,8 @@ fn replay(capacity: usize) -> Replay {
     replay
 }
 
-/// libtorch on one thread, as training has it.
 fn short() -> Criterion {
-    tch::set_num_threads(1);
+    engine::install(&torch_engine::LIBTORCH);
     Criterion::default().warm_up_time(Duration::from_secs(1)).measurement_time(Duration::from_secs(3))
 }
 

@@ -1,4 +1,4 @@
-//! The fused kernel computes what libtorch and autograd do; and seeds side by side do not mix.
+//! The fused engine computes what libtorch's does; and seeds side by side do not mix.
 
 use std::sync::Arc;
 
@@ -6,15 +6,15 @@ use bit_mlp::BitBatch;
 use coverage_env::generator::LevelSpec;
 use coverage_env::random::{below, unit_f32};
 use coverage_env::{Action, Level, Observation, VecEnv};
-use cpp_rl::agent::dqn::{AutogradDqn, DqnLoss, DqnUpdater, FusedDqn, Replay, Transitions};
-use cpp_rl::agent::network::Network;
-use cpp_rl::agent::ppo::{AutogradPpo, FusedPpo, PpoLoss, PpoUpdater, Rollout};
-use cpp_rl::agent::random::{Purpose, Stream};
+use cpp_rl::agent::config::{self, Config};
+use cpp_rl::agent::dqn::{DqnLoss, Replay, Transitions};
+use cpp_rl::agent::engine::{Device, Engine, FusedEngine, Loss};
+use cpp_rl::agent::ppo::{PpoConfig, PpoLoss, PpoTerms, Rollout};
 use cpp_rl::agent::state::AgentState;
-use cpp_rl::config::{self, Algorithm, Config, PpoConfig};
+use cpp_rl::random::{Purpose, Stream};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
-use tch::Device;
+use torch_engine::TorchEngine;
 
 use crate::numbers::{assert_close, assert_within};
 
@@ -37,10 +37,11 @@ struct Setting {
     seed: u64,
 }
 
-/// Levels that are seldom square, networks of 0 to 2 hidden layers, and every L2 penalty on both ranges.
+/// Levels that are seldom square, networks of 0 to 2 hidden layers of every kind, and every L2 penalty on both ranges.
 fn settings(algo: &'static str) -> impl Strategy<Value = Setting> {
     let level = (2..6_usize, 2..7_usize, 0.0..0.3, 1..4_usize, any::<u64>());
-    let network = (prop::collection::vec(1..9_usize, 0..3), prop::sample::select(vec!["tanh", "relu"]));
+    let activation = prop::sample::select(vec!["tanh", "relu", "crelu"]);
+    let network = (prop::collection::vec(1..9_usize, 0..3), activation, any::<bool>());
     let l2 = prop::sample::select(vec!["none", "adamw", "adam", "loss"]);
     let optimizer = (l2, prop::sample::select(vec!["all", "weights"]), 1e-3..0.5, 0.05..5.0, 0.8..1.0);
     let seeds = (1..4_u64, any::<u64>());
@@ -51,6 +52,7 @@ fn settings(algo: &'static str) -> impl Strategy<Value = Setting> {
         let mut sets = vec![
             format!("hidden={:?}", network.0),
             format!("activation={}", network.1),
+            format!("layer_norm={}", network.2),
             format!("l2={l2}"),
             format!("l2_covers={covers}"),
             format!("max_grad_norm={max_grad_norm}"),
@@ -70,14 +72,10 @@ impl Setting {
         Stream::new(self.seed, 0, purpose)
     }
 
-    fn network(&self) -> Network {
-        cpp_rl::agent::network(&self.config, &self.level)
-    }
-
     /// Agents in the midst of training: no parameter, moment or target parameter is 0.
     fn agents(&self) -> Vec<AgentState> {
         let agent = |seed| {
-            let mut agent = cpp_rl::agent::fresh(&self.config, &self.level, seed);
+            let mut agent = self.config.agent(&self.level, seed);
             let mut stream = Stream::new(self.seed, 0, Purpose::Environment(seed as u32));
             let mut draw = |list: &mut Vec<f32>, scale: f32| {
                 list.iter_mut().for_each(|v| *v = scale * (2.0 * unit_f32(&mut stream) - 1.0));
@@ -86,7 +84,7 @@ impl Setting {
             draw(&mut agent.adam.exp_avg, 0.1);
             draw(&mut agent.adam.exp_avg_sq, 0.01);
             agent.adam.exp_avg_sq.iter_mut().for_each(|v| *v = v.abs());
-            agent.target.iter_mut().for_each(|target| draw(target, 1.0));
+            agent.kept.copies.values_mut().for_each(|copy| draw(copy, 1.0));
             agent.adam.step = 5;
             agent
         };
@@ -141,63 +139,56 @@ fn uniform(stream: &mut Stream) -> Action {
     Action::ALL[below(stream, Action::COUNT as u32) as usize]
 }
 
-fn ppo_of(config: &Config) -> &PpoConfig {
-    match &config.algorithm {
-        Algorithm::Ppo(ppo) => ppo,
-        Algorithm::Dqn(_) => panic!("not a case of PPO"),
-    }
+fn fused(setting: &Setting, agents: &[AgentState]) -> Box<dyn Engine> {
+    Box::new(FusedEngine::new(setting.config.parts(&setting.level, agents.to_vec())))
 }
 
-fn fused_ppo(setting: &Setting, agents: &[AgentState]) -> Box<dyn PpoUpdater> {
-    Box::new(FusedPpo::new(&setting.network(), ppo_of(&setting.config), &setting.config.optimizer, agents))
+fn libtorch(setting: &Setting, agents: &[AgentState]) -> Box<dyn Engine> {
+    Box::new(TorchEngine::new(setting.config.parts(&setting.level, agents.to_vec()), Device::Cpu))
 }
 
-fn autograd_ppo(setting: &Setting, agents: &[AgentState]) -> Box<dyn PpoUpdater> {
-    let (ppo, optimizer) = (ppo_of(&setting.config), &setting.config.optimizer);
-    Box::new(AutogradPpo::new(setting.network(), Device::Cpu, ppo, optimizer, agents))
+/// The agents as they are now.
+fn saved(engine: &dyn Engine, agents: &[AgentState]) -> Vec<AgentState> {
+    let mut agents = agents.to_vec();
+    agents.iter_mut().enumerate().for_each(|(s, agent)| engine.save(s, agent));
+    agents
 }
 
-fn fused_dqn(setting: &Setting, agents: &[AgentState]) -> Box<dyn DqnUpdater> {
-    Box::new(FusedDqn::new(&setting.network(), setting.config.gamma, &setting.config.optimizer, agents))
-}
-
-fn autograd_dqn(setting: &Setting, agents: &[AgentState]) -> Box<dyn DqnUpdater> {
-    let (gamma, optimizer) = (setting.config.gamma, &setting.config.optimizer);
-    Box::new(AutogradDqn::new(setting.network(), Device::Cpu, gamma, optimizer, agents))
-}
-
-/// Updates of all seeds on their rollouts; returns each update's losses, and the agents at the end.
+/// Updates of all seeds on their rollouts; returns each update's terms and norms, and the agents at the end.
 fn train_ppo(
-    mut updater: Box<dyn PpoUpdater>,
+    mut engine: Box<dyn Engine>,
+    config: &PpoConfig,
     rollouts: &[&Rollout],
     minibatches: &[Vec<u32>],
     agents: &[AgentState],
-) -> (Vec<Vec<PpoLoss>>, Vec<AgentState>) {
-    updater.load(rollouts);
-    let losses =
-        minibatches.iter().map(|indices| updater.minibatch(rollouts, &vec![indices.as_slice(); rollouts.len()]));
-    let losses = losses.collect();
-    let mut agents = agents.to_vec();
-    agents.iter_mut().enumerate().for_each(|(s, agent)| updater.save(s, agent));
-    (losses, agents)
+) -> (Vec<(PpoTerms, f32)>, Vec<AgentState>) {
+    let mut all = Vec::new();
+    for indices in minibatches {
+        let mut losses: Vec<PpoLoss<'_>> = rollouts.iter().map(|r| PpoLoss::new(config, r, indices)).collect();
+        let norms = engine.descend(&mut losses.iter_mut().map(|loss| loss as _).collect::<Vec<&mut dyn Loss<'_>>>());
+        all.extend(losses.iter().map(|loss| loss.terms).zip(norms));
+    }
+    (all, saved(&*engine, agents))
 }
 
-/// Updates of all seeds on their transitions, `[update][seed]`, with a target copy after the second.
+/// Updates of all seeds on their transitions, with a target copy after the second.
 fn train_dqn(
-    mut updater: Box<dyn DqnUpdater>,
+    mut engine: Box<dyn Engine>,
+    config: &Config,
     transitions: &[Vec<&Transitions>],
     agents: &[AgentState],
-) -> (Vec<Vec<DqnLoss>>, Vec<AgentState>) {
-    let mut losses = Vec::new();
+) -> (Vec<[f32; 2]>, Vec<AgentState>) {
+    let mut all = Vec::new();
     for (i, transitions) in transitions.iter().enumerate() {
-        losses.push(updater.minibatch(transitions));
+        let mut losses: Vec<DqnLoss<'_>> =
+            transitions.iter().map(|transitions| DqnLoss::new(config.gamma as f32, transitions)).collect();
+        let norms = engine.descend(&mut losses.iter_mut().map(|loss| loss as _).collect::<Vec<&mut dyn Loss<'_>>>());
+        all.extend(losses.iter().zip(norms).map(|(loss, norm)| [loss.value, norm]));
         if i == 1 {
-            updater.copy_target();
+            engine.copy("target");
         }
     }
-    let mut agents = agents.to_vec();
-    agents.iter_mut().enumerate().for_each(|(s, agent)| updater.save(s, agent));
-    (losses, agents)
+    (all, saved(&*engine, agents))
 }
 
 /// Weights and moments agree but for the order of sums.
@@ -210,26 +201,26 @@ fn assert_same_agents(actual: &[AgentState], expected: &[AgentState]) {
         assert_close("exp_avg", &actual.adam.exp_avg, &expected.adam.exp_avg, 1e-4);
         assert_close("exp_avg_sq", &actual.adam.exp_avg_sq, &expected.adam.exp_avg_sq, 1e-4);
         assert_eq!(actual.adam.step, expected.adam.step);
-        if let (Some(actual), Some(expected)) = (&actual.target, &expected.target) {
-            assert_close("target", actual, expected, 1e-4);
+        for (name, copy) in &actual.kept.copies {
+            assert_close(name, copy, &expected.kept.copies[name], 1e-4);
         }
     }
 }
 
-fn assert_same_ppo_losses(actual: &[Vec<PpoLoss>], expected: &[Vec<PpoLoss>]) {
-    let terms = |loss: &PpoLoss| {
-        [loss.policy, loss.value, loss.entropy, loss.total, loss.approx_kl, loss.clip_fraction, loss.grad_norm]
+fn assert_same_ppo_losses(actual: &[(PpoTerms, f32)], expected: &[(PpoTerms, f32)]) {
+    let terms = |(terms, norm): &(PpoTerms, f32)| {
+        [terms.policy, terms.value, terms.entropy, terms.total, terms.approx_kl, terms.clip_fraction, *norm]
     };
-    for (actual, expected) in actual.iter().flatten().zip(expected.iter().flatten()) {
+    for (actual, expected) in actual.iter().zip(expected) {
         for (i, (a, e)) in terms(actual).into_iter().zip(terms(expected)).enumerate() {
             assert_within(&format!("term {i}"), &[a], &[e], 1e-4 * e.abs() + 1e-5);
         }
     }
 }
 
-fn assert_same_dqn_losses(actual: &[Vec<DqnLoss>], expected: &[Vec<DqnLoss>]) {
-    for (actual, expected) in actual.iter().flatten().zip(expected.iter().flatten()) {
-        assert_close("loss", &[actual.loss, actual.grad_norm], &[expected.loss, expected.grad_norm], 1e-4);
+fn assert_same_dqn_losses(actual: &[[f32; 2]], expected: &[[f32; 2]]) {
+    for (actual, expected) in actual.iter().zip(expected) {
+        assert_close("loss", actual, expected, 1e-4);
     }
 }
 
@@ -237,40 +228,38 @@ proptest! {
     #![proptest_config(few_cases())]
 
     #[test]
-    fn ppo_is_the_same_fused_and_stacked(
+    fn ppo_is_the_same_with_both_engines(
         setting in settings("ppo"),
         batch_size in 1..20_usize,
         (clip_range, ent_coef, vf_coef) in (0.05..0.5, 0.0..0.1, 0.1..1.0),
         normalize: bool,
     ) {
-        let mut setting = setting;
-        if let Algorithm::Ppo(ppo) = &mut setting.config.algorithm {
-            *ppo = PpoConfig { clip_range, ent_coef, vf_coef, normalize_advantage: normalize, ..ppo.clone() };
-        }
+        let defaults = PpoConfig::default();
+        let ppo = PpoConfig { clip_range, ent_coef, vf_coef, normalize_advantage: normalize, ..defaults };
         let rollouts: Vec<Rollout> = (0..setting.seeds).map(|seed| setting.rollout(seed, 12)).collect();
         let rollouts: Vec<&Rollout> = rollouts.iter().collect();
         let mut stream = setting.stream(Purpose::Minibatches);
         let minibatches: Vec<Vec<u32>> =
             (0..UPDATES).map(|_| (0..batch_size).map(|_| below(&mut stream, 24)).collect()).collect();
         let agents = setting.agents();
-        let (losses, reference) = train_ppo(autograd_ppo(&setting, &agents), &rollouts, &minibatches, &agents);
-        let (fused_losses, fused) = train_ppo(fused_ppo(&setting, &agents), &rollouts, &minibatches, &agents);
+        let (losses, reference) = train_ppo(libtorch(&setting, &agents), &ppo, &rollouts, &minibatches, &agents);
+        let (fused_losses, fused_agents) = train_ppo(fused(&setting, &agents), &ppo, &rollouts, &minibatches, &agents);
         assert_same_ppo_losses(&fused_losses, &losses);
-        assert_same_agents(&fused, &reference);
+        assert_same_agents(&fused_agents, &reference);
         prop_assert!(reference[0].parameters != agents[0].parameters);
 
-        for make in [fused_ppo, autograd_ppo] {
-            let (_, together) = train_ppo(make(&setting, &agents), &rollouts, &minibatches, &agents);
+        for make in [fused, libtorch] {
+            let (_, together) = train_ppo(make(&setting, &agents), &ppo, &rollouts, &minibatches, &agents);
             for (s, agent) in agents.iter().enumerate() {
                 let agent = std::slice::from_ref(agent);
-                let (_, alone) = train_ppo(make(&setting, agent), &rollouts[s..=s], &minibatches, agent);
+                let (_, alone) = train_ppo(make(&setting, agent), &ppo, &rollouts[s..=s], &minibatches, agent);
                 assert_same_agents(&alone, &together[s..=s]);
             }
         }
     }
 
     #[test]
-    fn dqn_is_the_same_fused_and_stacked(setting in settings("dqn"), batch_size in 1..20_usize) {
+    fn dqn_is_the_same_with_both_engines(setting in settings("dqn"), batch_size in 1..20_usize) {
         let mut stream = setting.stream(Purpose::Minibatches);
         let replays: Vec<Replay> = (0..setting.seeds).map(|seed| setting.replay(seed)).collect();
         let mut draw = |replay: &Replay| {
@@ -284,17 +273,17 @@ proptest! {
             transitions.iter().map(|update| update[seeds.clone()].iter().collect()).collect()
         };
         let (agents, all) = (setting.agents(), of_seeds(0..setting.seeds as usize));
-        let (losses, reference) = train_dqn(autograd_dqn(&setting, &agents), &all, &agents);
-        let (fused_losses, fused) = train_dqn(fused_dqn(&setting, &agents), &all, &agents);
+        let (losses, reference) = train_dqn(libtorch(&setting, &agents), &setting.config, &all, &agents);
+        let (fused_losses, fused_agents) = train_dqn(fused(&setting, &agents), &setting.config, &all, &agents);
         assert_same_dqn_losses(&fused_losses, &losses);
-        assert_same_agents(&fused, &reference);
+        assert_same_agents(&fused_agents, &reference);
         prop_assert!(reference[0].parameters != agents[0].parameters);
 
-        for make in [fused_dqn, autograd_dqn] {
-            let (_, together) = train_dqn(make(&setting, &agents), &all, &agents);
+        for make in [fused, libtorch] {
+            let (_, together) = train_dqn(make(&setting, &agents), &setting.config, &all, &agents);
             for (s, agent) in agents.iter().enumerate() {
                 let agent = std::slice::from_ref(agent);
-                let (_, alone) = train_dqn(make(&setting, agent), &of_seeds(s..s + 1), agent);
+                let (_, alone) = train_dqn(make(&setting, agent), &setting.config, &of_seeds(s..s + 1), agent);
                 assert_same_agents(&alone, &together[s..=s]);
             }
         }
@@ -308,14 +297,15 @@ proptest! {
         let rollouts: Vec<Rollout> =
             (0..setting.seeds).map(|seed| setting.rollout(seed, lengths[seed as usize])).collect();
         let inputs: Vec<&BitBatch> = rollouts.iter().map(|rollout| &rollout.inputs).collect();
-        let fused = fused_ppo(&setting, &agents).forward(&inputs);
-        let stacked = autograd_ppo(&setting, &agents).forward(&inputs);
-        for (s, agent) in agents.iter().enumerate() {
-            let alone = &autograd_ppo(&setting, std::slice::from_ref(agent)).forward(&inputs[s..=s])[0];
-            prop_assert_eq!(alone.values.len(), 2 * lengths[s]);
-            for outputs in [&fused[s], &stacked[s]] {
-                assert_within("logits", &outputs.logits[..alone.logits.len()], &alone.logits, 1e-5);
-                assert_within("values", &outputs.values[..alone.values.len()], &alone.values, 1e-5);
+        for tower in 0..2 {
+            let fused = fused(&setting, &agents).forward(tower, &inputs);
+            let together = libtorch(&setting, &agents).forward(tower, &inputs);
+            for (s, agent) in agents.iter().enumerate() {
+                let alone = &libtorch(&setting, std::slice::from_ref(agent)).forward(tower, &inputs[s..=s])[0];
+                prop_assert_eq!(alone.len(), 2 * lengths[s] * [Action::COUNT, 1][tower]);
+                for outputs in [&fused[s], &together[s]] {
+                    assert_within("outputs", outputs, alone, 1e-5);
+                }
             }
         }
     }

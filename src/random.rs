@@ -22,6 +22,13 @@ pub enum Purpose {
     EvaluationActions,
     /// Starts and actions that gather the reference batch of a level, on which plasticity is measured.
     ReferenceStates,
+    /// What a mitigation draws after a gradient step: its own number, and how many steps the agent has made.
+    Mitigation {
+        /// The mitigation's; at most 1,000.
+        number: u16,
+        /// Gradient steps of the agent's life; modulo 2³².
+        step: u32,
+    },
 }
 
 impl Purpose {
@@ -35,6 +42,7 @@ impl Purpose {
             Self::EvaluationActions => (4, 0),
             Self::Environment(index) => (5, index),
             Self::ReferenceStates => (6, 0),
+            Self::Mitigation { number, step } => (64 + u64::from(number), step),
         };
         u64::from(stage) << 48 | purpose << 32 | u64::from(index)
     }
@@ -138,6 +146,9 @@ mod tests {
             Purpose::Environment(0),
             Purpose::Environment(1),
             Purpose::ReferenceStates,
+            Purpose::Mitigation { number: 0, step: 0 },
+            Purpose::Mitigation { number: 1, step: 0 },
+            Purpose::Mitigation { number: 1, step: 7 },
         ];
         let first = |seed, stage, purpose| Stream::new(seed, stage, purpose).next_u64();
         let of_seed = |seed| (0..3).flat_map(move |stage| purposes.map(|purpose| first(seed, stage, purpose)));

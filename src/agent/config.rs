@@ -1,0 +1,303 @@
+//! One [`Config`] per run: a preset, then a file, then `--set` flags, resolved once and written into the run.
+
+use std::any::Any;
+use std::path::Path;
+
+use bit_mlp::Activation;
+use coverage_env::{Level, Observation};
+use serde_json::{Map, Value};
+
+use super::algorithm::{self, Algorithm};
+use super::engine::{EngineChoice, Parts};
+use super::mitigation::{Listed, Mitigations};
+use super::network::{Head, Layout, Network};
+use super::state::AgentState;
+use crate::config::{self, Choice, ConfigError, Layers, Settings, Visitor};
+use crate::config::{at_least, check_name, choice, flag, fraction, integer, list, nearest, positive};
+
+/// The most bytes that the parameters, the rollout or the replay buffer of one seed may take.
+const MAX_BYTES: u64 = 2 << 30;
+
+/// The settings of one run, complete and validated.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// The arm's name; also the name of its folder.
+    pub name: String,
+    /// Timesteps per stage and seed.
+    pub timesteps: u64,
+    /// Step limit of an episode.
+    pub max_steps: u32,
+    /// Environments per seed, stepped together.
+    pub num_envs: usize,
+    /// Discount γ.
+    pub gamma: f64,
+    /// Widths of the hidden layers of each tower.
+    pub hidden: Vec<usize>,
+    /// Activation of the hidden layers.
+    pub activation: Activation,
+    /// Whether the sums of the hidden layers are normalised.
+    pub layer_norm: bool,
+    /// Adam.
+    pub optimizer: OptimizerConfig,
+    /// The methods against loss of plasticity.
+    pub mitigations: Mitigations,
+    /// The algorithm and what only it has.
+    pub algorithm: Box<dyn Algorithm>,
+    /// Which engine computes updates.
+    pub engine: EngineChoice,
+}
+
+/// Adam (Kingma & Ba 2015), with clipping.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OptimizerConfig {
+    /// Step size α.
+    pub learning_rate: f64,
+    /// ε of Adam's denominator.
+    pub adam_eps: f64,
+    /// Gradients of one seed are scaled down to this Euclidean norm.
+    pub max_grad_norm: f64,
+}
+
+impl Choice for Activation {
+    const ALL: &'static [(&'static str, Self)] = &[("tanh", Self::Tanh), ("relu", Self::Relu), ("crelu", Self::Crelu)];
+}
+
+/// Resolves preset, file and `--set key=value` flags, in this order, into a config.
+///
+/// Without `algo` the file must name its preset (`extends`) or be complete, as a run's `config.yaml` is.
+///
+/// # Errors
+/// The first setting that cannot be taken.
+pub fn resolve(
+    algo: Option<&str>,
+    file: Option<&Path>,
+    sets: &[String],
+    timesteps: Option<u64>,
+) -> Result<Config, ConfigError> {
+    Config::from_layers(Layers::read(algo, file, sets, timesteps)?)
+}
+
+impl Config {
+    /// The paper's settings for an algorithm; presets say what differs.
+    fn new(algorithm: Box<dyn Algorithm>) -> Self {
+        let optimizer = OptimizerConfig { learning_rate: 1e-4, adam_eps: 1e-5, max_grad_norm: 0.5 };
+        let mut config = Self {
+            name: algorithm.name().to_owned(),
+            timesteps: 500_000,
+            max_steps: coverage_env::MAX_STEPS,
+            num_envs: 1,
+            gamma: 0.99,
+            hidden: vec![64, 64],
+            activation: Activation::Tanh,
+            layer_norm: false,
+            optimizer,
+            mitigations: Mitigations::new(&[]),
+            algorithm: algorithm.boxed(),
+            engine: EngineChoice::Auto,
+        };
+        algorithm.defaults(&mut config);
+        config
+    }
+
+    /// Takes settings that a manifest recorded, of this version or an earlier one.
+    ///
+    /// # Errors
+    /// The first setting that cannot be taken.
+    pub fn recorded(settings: &Map<String, Value>) -> Result<Self, ConfigError> {
+        Self::from_layers(Layers::recorded(settings))
+    }
+
+    /// Turns merged settings into a config; nothing may be left over.
+    fn from_layers(mut layers: Layers) -> Result<Self, ConfigError> {
+        // Up to version 0.1.0 the engines had other names.
+        layers.rename("kernel", "engine", &[("autograd", "libtorch")]);
+        let Some(algorithm) = layers.take_text("algorithm", known_algorithm)?.as_deref().and_then(algorithm::by_name)
+        else {
+            let names: Vec<&str> = config::preset_names().collect();
+            let problem = format!("no algorithm chosen: say --algo with one of {}", names.join(", "));
+            return Err(layers.error("algorithm", problem));
+        };
+        let mut config = Self::new(algorithm);
+        if let Some(name) = layers.take_text("name", check_name)? {
+            config.name = name;
+        }
+        layers.fill(&mut Listed(&mut config.mitigations))?;
+        layers.fill(&mut config)?;
+        let misfits = config.misfits().map(|(key, problem)| layers.error(key, problem));
+        let products = config.algorithm.check(&config).err();
+        let products = products.map(|misfit| {
+            // Whichever of them the user set is the one to change.
+            layers.error(layers.set_by_user(misfit.keys).unwrap_or(""), misfit.problem)
+        });
+        layers.finish(|key| config.unknown_key(key))?;
+        misfits.or(products).map_or(Ok(config), Err)
+    }
+
+    /// What mitigations cannot work with.
+    fn misfits(&self) -> Option<(&'static str, String)> {
+        self.mitigations.check(self).err()
+    }
+
+    fn unknown_key(&self, key: &str) -> String {
+        let known: Vec<&str> =
+            ["name", "algorithm", "extends"].into_iter().chain(config::keys(&mut self.clone())).collect();
+        let others = algorithm::names().into_iter().filter_map(algorithm::by_name);
+        let other = others.into_iter().find(|other| config::keys(&mut *other.boxed()).contains(&key));
+        let remedy = match (other, Mitigations::with_key(key)) {
+            (Some(other), _) => format!("it is one of {}", other.name()),
+            (None, Some(mitigation)) => {
+                format!("it is one of the mitigation {mitigation}: list it with mitigations=[{mitigation}]")
+            }
+            (None, None) => nearest(key, &known).map_or_else(
+                || format!("known keys are {}", known.join(", ")),
+                |nearest| format!("did you mean \"{nearest}\"?"),
+            ),
+        };
+        format!("unknown key \"{key}\" for algorithm {}; {remedy}", self.algorithm.name())
+    }
+
+    /// All settings as one JSON object, in the order of their declaration; [`recorded`](Self::recorded) takes it back.
+    pub fn to_json(&self) -> Map<String, Value> {
+        let mut all = Map::new();
+        all.insert("name".to_owned(), self.name.clone().into());
+        all.insert("algorithm".to_owned(), self.algorithm.name().into());
+        all.extend(config::to_json(&mut self.clone()));
+        all
+    }
+
+    /// All settings as a YAML file with a comment on each line; `--config` takes it back.
+    pub fn to_yaml(&self) -> String {
+        let (name, algorithm) = (Value::from(self.name.clone()), self.algorithm.name());
+        format!("name: {name}\nalgorithm: {algorithm}\n{}", config::to_yaml(&mut self.clone()))
+    }
+
+    /// The algorithm's settings, if they are of this type.
+    pub fn of<T: Algorithm>(&self) -> Option<&T> {
+        (&*self.algorithm as &dyn Any).downcast_ref()
+    }
+
+    /// The network that is trained on maps of this level's size.
+    pub fn network(&self, level: &Level) -> Network {
+        Network::new(self.layout(Observation::len(level)), self.algorithm.heads())
+    }
+
+    fn layout(&self, inputs: usize) -> Layout {
+        Layout { inputs, hidden: self.hidden.clone(), activation: self.activation, layer_norm: self.layer_norm }
+    }
+
+    /// An agent from scratch, for maps of this level's size.
+    pub fn agent(&self, level: &Level, seed: u64) -> AgentState {
+        AgentState::new(&self.network(level), seed, self.algorithm.copies())
+    }
+
+    /// What an engine is made of, for these agents on maps of this level's size.
+    pub fn parts(&self, level: &Level, agents: Vec<AgentState>) -> Parts {
+        Parts {
+            network: self.network(level),
+            optimizer: self.optimizer.clone(),
+            pulls: self.mitigations.pulls(),
+            agents,
+        }
+    }
+
+    /// Refuses agents for maps of this many cells that would take more memory than any use of them needs.
+    ///
+    /// # Errors
+    /// Names the settings, what they amount to, and what is possible.
+    pub fn check_size(&self, cells: usize) -> Result<(), String> {
+        let parameters = self.num_parameters(cells);
+        let copies = self.algorithm.copies();
+        let beside = match copies {
+            [] => "gradient and Adam's moments".to_owned(),
+            names => format!("gradient, Adam's moments and {} network", names.join(", ")),
+        };
+        let hidden = &self.hidden;
+        let what = format!(
+            "hidden: {hidden:?}: a network of {parameters} parameters on maps of {cells} cells, with {beside},"
+        );
+        refuse_large(parameters.saturating_mul(4 * (4 + copies.len() as u64)), what)?;
+        let (what, bytes) = self.algorithm.memory(self, cells);
+        refuse_large(bytes, what)
+    }
+
+    /// Parameters of all towers on maps of so many cells, without making them.
+    fn num_parameters(&self, cells: usize) -> u64 {
+        let layout = self.layout(Observation::CHANNELS * cells);
+        let of_head = |head: &Head| layout.shape(head.outputs).num_parameters();
+        self.algorithm.heads().iter().map(of_head).fold(0, u64::saturating_add)
+    }
+}
+
+impl Settings for Config {
+    /// Every setting but `name`, `algorithm` and `extends`, which decide what is declared.
+    fn visit(&mut self, v: &mut dyn Visitor) {
+        const M: u64 = 1_000_000;
+        v.field(
+            "timesteps",
+            "timesteps per stage and seed (PPO rounds up to whole rollouts)",
+            &mut integer(&mut self.timesteps, 1..=1_000_000 * M),
+        );
+        v.field("max_steps", "step limit of an episode", &mut integer(&mut self.max_steps, 1..=M));
+        v.field("num_envs", "environments per seed", &mut integer(&mut self.num_envs, 1..=4096));
+        v.field("gamma", "discount", &mut fraction(&mut self.gamma));
+        v.field("hidden", "widths of the hidden layers", &mut list(&mut self.hidden, 0..=8, 1..=4096));
+        v.field("activation", "activation of the hidden layers", &mut choice(&mut self.activation));
+        v.field("layer_norm", "normalise the sums of the hidden layers", &mut flag(&mut self.layer_norm));
+        let optimizer = &mut self.optimizer;
+        v.field("learning_rate", "step size of Adam", &mut positive(&mut optimizer.learning_rate));
+        v.field("adam_eps", "epsilon of Adam's denominator", &mut at_least(&mut optimizer.adam_eps, 1e-12));
+        v.field("max_grad_norm", "largest norm of a seed's gradient", &mut positive(&mut optimizer.max_grad_norm));
+        self.mitigations.visit(v);
+        self.algorithm.visit(v);
+        v.field("engine", "what computes networks: fused or libtorch", &mut choice(&mut self.engine));
+    }
+}
+
+impl PartialEq for Config {
+    fn eq(&self, other: &Self) -> bool {
+        self.to_json() == other.to_json()
+    }
+}
+
+fn known_algorithm(name: &str) -> Result<(), String> {
+    let names = algorithm::names();
+    if names.contains(&name) {
+        return Ok(());
+    }
+    Err(format!("algorithm: expected {}, got \"{name}\"", names.join(" or ")))
+}
+
+fn refuse_large(bytes: u64, what: String) -> Result<(), String> {
+    if bytes <= MAX_BYTES {
+        return Ok(());
+    }
+    let gib = |bytes: u64| bytes as f64 / f64::from(1 << 30);
+    Err(format!("{what} takes {:.1} GiB per seed; at most {:.0} GiB are possible", gib(bytes), gib(MAX_BYTES)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::preset_names;
+
+    #[test]
+    fn parameters_are_counted_as_networks_count_them() {
+        let level = Level::from_map("a", "..T\n...").unwrap();
+        for preset in preset_names() {
+            let config = resolve(Some(preset), None, &[], None).unwrap();
+            let expected = config.network(&level).num_parameters() as u64;
+            assert_eq!(config.num_parameters(6), expected, "{preset}");
+            assert_eq!(config.check_size(1 << 14), Ok(()), "presets fit the largest maps");
+        }
+    }
+
+    #[test]
+    fn settings_of_earlier_versions_are_read() {
+        let config = resolve(Some("ppo"), None, &["engine=libtorch".to_owned()], None).unwrap();
+        let mut settings = config.to_json();
+        settings.remove("engine");
+        settings.remove("mitigations");
+        settings.insert("kernel".to_owned(), "autograd".into());
+        assert_eq!(Config::recorded(&settings).unwrap(), config);
+    }
+}

@@ -1,0 +1,231 @@
+//! The fast engine: one agent after another in plain memory, gradients derived by hand.
+//!
+//! The arithmetic is `bit-mlp`'s; tests hold it equal to libtorch's.
+
+use std::ops::Range;
+
+use bit_mlp::{AdamConfig, BitBatch, Decay, Decayed, GradientNorms, Mlp, Moments, Prepared, Workspace};
+use bit_mlp::{clip_and_adam, gradient_norms};
+
+use super::{Engine, Entry, LayerUnits, Loss, Parts, Pass, Pull, Units, Weights};
+use crate::agent::state::{AdamState, AgentState};
+
+/// Samples of one forward pass; keeps its working memory in the cache.
+const FORWARD_BATCH: usize = 256;
+
+/// S agents, one after another.
+pub struct FusedEngine {
+    towers: Vec<Mlp>,
+    adam: AdamConfig,
+    max_grad_norm: f32,
+    pull: Option<FusedPull>,
+    seeds: Vec<Seed>,
+}
+
+/// A pull, with the parameters that it covers where those are not all.
+struct FusedPull {
+    pull: Pull,
+    covered: Option<Vec<Range<usize>>>,
+}
+
+struct Seed {
+    agent: AgentState,
+    /// ∂loss/∂θ, `[P]`.
+    gradient: Vec<f32>,
+    /// Its norm without the pull, where a pull has been added to it.
+    loss_norm: Option<f32>,
+    /// The acting tower, made ready for single observations; stale after a step.
+    acting: Prepared,
+    is_stale: bool,
+    /// One for each pass of a loss.
+    workspaces: Vec<Workspace>,
+    /// ∂loss/∂outputs of each pass, `[B, outputs]`.
+    output_gradients: Vec<Vec<f32>>,
+    /// By tower: the pass of the last step that went through it, where its units are.
+    units_in: Vec<Option<usize>>,
+}
+
+impl FusedEngine {
+    /// Agents as they come out of the stage before.
+    pub fn new(parts: Parts) -> Self {
+        let Parts { network, optimizer, pulls, agents } = parts;
+        let towers: Vec<Mlp> = network.towers().iter().map(|tower| tower.mlp.clone()).collect();
+        let pull = match pulls.into_iter().next() {
+            Some(pull) => Some(FusedPull { covered: (!pull.covers_all).then(|| network.weights()), pull }),
+            None => None,
+        };
+        let decay = pull.as_ref().map_or(Decay::None, FusedPull::decay);
+        let seed = |agent: AgentState| Seed {
+            gradient: vec![0.0; agent.parameters.len()],
+            acting: Prepared::new(&towers[0], &agent.parameters, &[]),
+            loss_norm: None,
+            is_stale: true,
+            workspaces: Vec::new(),
+            output_gradients: Vec::new(),
+            units_in: vec![None; towers.len()],
+            agent,
+        };
+        Self {
+            adam: AdamConfig { lr: optimizer.learning_rate, eps: optimizer.adam_eps, decay, ..AdamConfig::default() },
+            max_grad_norm: optimizer.max_grad_norm as f32,
+            pull,
+            seeds: agents.into_iter().map(seed).collect(),
+            towers,
+        }
+    }
+}
+
+impl FusedPull {
+    /// What Adam's step does of it: all, unless there is an anchor.
+    fn decay(&self) -> Decay {
+        let Pull { entry, coefficient, anchor, .. } = &self.pull;
+        match entry {
+            _ if anchor.is_some() => Decay::None,
+            Entry::Decoupled => Decay::Decoupled(*coefficient),
+            Entry::InAdam => Decay::Coupled(*coefficient),
+            Entry::InLoss => Decay::InLoss(*coefficient),
+        }
+    }
+
+    fn covered(&self) -> Decayed<'_> {
+        self.covered.as_deref().map_or(Decayed::All, Decayed::Only)
+    }
+
+    /// The penalty for this agent.
+    fn of<'a>(&'a self, agent: &'a AgentState) -> bit_mlp::Pull<'a> {
+        let anchor = self.pull.anchor.as_ref().and_then(|name| agent.kept.copies.get(name)).map(Vec::as_slice);
+        bit_mlp::Pull { coefficient: self.pull.coefficient, anchor, covered: self.covered() }
+    }
+}
+
+impl Engine for FusedEngine {
+    fn act(&mut self, inputs: &[BitBatch], outputs: &mut [f32]) {
+        let per_seed = outputs.len() / self.seeds.len();
+        let width = self.towers[0].outputs();
+        for ((seed, inputs), outputs) in self.seeds.iter_mut().zip(inputs).zip(outputs.chunks_exact_mut(per_seed)) {
+            let parameters = &seed.agent.parameters;
+            if std::mem::take(&mut seed.is_stale) {
+                seed.acting.refresh(parameters, inputs.constant());
+            }
+            for (i, out) in outputs.chunks_exact_mut(width).enumerate() {
+                out.copy_from_slice(seed.acting.forward_one(parameters, inputs.sample(i)));
+            }
+        }
+    }
+
+    fn forward(&mut self, tower: usize, inputs: &[&BitBatch]) -> Vec<Vec<f32>> {
+        let mlp = &self.towers[tower];
+        let indices: Vec<u32> = (0..inputs.iter().map(|batch| batch.len()).max().unwrap_or(0) as u32).collect();
+        let of_seed = |(seed, inputs): (&mut Seed, &&BitBatch)| {
+            seed.make_room(1);
+            let mut outputs = Vec::with_capacity(inputs.len() * mlp.outputs());
+            for part in indices[..inputs.len()].chunks(FORWARD_BATCH) {
+                let batch = inputs.select(part);
+                outputs.extend_from_slice(mlp.forward(&seed.agent.parameters, batch, &mut seed.workspaces[0]));
+            }
+            outputs
+        };
+        self.seeds.iter_mut().zip(inputs).map(of_seed).collect()
+    }
+
+    fn descend<'a>(&mut self, losses: &mut [&mut dyn Loss<'a>]) -> Vec<f32> {
+        let Self { towers, adam, max_grad_norm, pull, seeds } = self;
+        let step = |(seed, loss): (&mut Seed, &mut &mut dyn Loss<'a>)| {
+            seed.differentiate(towers, *loss);
+            seed.step(*max_grad_norm, pull.as_ref(), adam)
+        };
+        seeds.iter_mut().zip(losses).map(step).collect()
+    }
+
+    fn norms(&self, seed: usize) -> GradientNorms {
+        let Seed { agent, gradient, loss_norm, .. } = &self.seeds[seed];
+        let nothing = bit_mlp::Pull { coefficient: 0.0, anchor: None, covered: Decayed::All };
+        let pull = self.pull.as_ref().map_or(nothing, |pull| pull.of(agent));
+        let norms = gradient_norms(&agent.parameters, gradient, pull);
+        GradientNorms { loss: loss_norm.unwrap_or(norms.loss), ..norms }
+    }
+
+    fn units(&self, seed: usize) -> Units {
+        let Seed { workspaces, units_in, .. } = &self.seeds[seed];
+        let of_tower = |(mlp, pass): (&Mlp, &Option<usize>)| {
+            let hidden = 0..mlp.blocks().len() - 1;
+            let layers = pass.iter().flat_map(|&pass| hidden.clone().map(move |i| workspaces[pass].activations(i)));
+            let units = layers
+                .map(|rows| LayerUnits { count: rows.width(), activations: rows.rows().flatten().copied().collect() });
+            units.collect()
+        };
+        Units { towers: self.towers.iter().zip(units_in).map(of_tower).collect() }
+    }
+
+    fn copy(&mut self, name: &str) {
+        for Seed { agent, .. } in &mut self.seeds {
+            match agent.kept.copies.get_mut(name) {
+                Some(copy) => copy.copy_from_slice(&agent.parameters),
+                None => drop(agent.kept.copies.insert(name.to_owned(), agent.parameters.clone())),
+            }
+        }
+    }
+
+    fn edit(&mut self, seed: usize, change: &mut dyn FnMut(&mut AgentState)) {
+        let seed = &mut self.seeds[seed];
+        change(&mut seed.agent);
+        seed.is_stale = true;
+    }
+
+    fn save(&self, seed: usize, agent: &mut AgentState) {
+        let Seed { agent: own, .. } = &self.seeds[seed];
+        agent.parameters.clone_from(&own.parameters);
+        agent.adam.clone_from(&own.adam);
+        agent.kept.clone_from(&own.kept);
+    }
+}
+
+impl Seed {
+    /// Working memory for this many passes.
+    fn make_room(&mut self, passes: usize) {
+        if self.workspaces.len() < passes {
+            self.workspaces.resize_with(passes, Workspace::default);
+            self.output_gradients.resize_with(passes, Vec::new);
+        }
+    }
+
+    /// The gradient of a loss with respect to θ.
+    fn differentiate<'a>(&mut self, towers: &[Mlp], loss: &mut dyn Loss<'a>) {
+        let passes = loss.passes();
+        self.make_room(passes.len());
+        let Self { agent, gradient, workspaces, output_gradients, units_in, .. } = self;
+        let parameters = |weights| match weights {
+            Weights::Own => &agent.parameters,
+            Weights::Copy(name) => agent.kept.copies.get(name).unwrap_or(&agent.parameters),
+        };
+        let gradients = &mut output_gradients[..passes.len()];
+        gradients.iter_mut().for_each(Vec::clear);
+        let forward = |(pass, workspace): (&Pass<'a>, _)| {
+            towers[pass.tower].forward(parameters(pass.weights), pass.inputs, workspace)
+        };
+        let outputs: Vec<&[f32]> = passes.iter().zip(workspaces.iter_mut()).map(forward).collect();
+        loss.derive(&outputs, gradients);
+        let own = passes.iter().enumerate().filter(|(_, pass)| pass.weights == Weights::Own);
+        for (i, Pass { tower, inputs, .. }) in own {
+            let mlp = &towers[*tower];
+            mlp.backward(&agent.parameters, *inputs, &gradients[i], &mut workspaces[i], gradient);
+            units_in[*tower] = Some(i);
+        }
+    }
+
+    /// One step of clipped Adam; returns the gradient's norm before clipping. One that is not finite changes nothing.
+    fn step(&mut self, max_grad_norm: f32, pull: Option<&FusedPull>, adam: &AdamConfig) -> f32 {
+        if let Some(pull) = pull.filter(|pull| pull.pull.anchor.is_some()) {
+            let pull = pull.of(&self.agent);
+            self.loss_norm = Some(gradient_norms(&self.agent.parameters, &self.gradient, pull).loss);
+            pull.add_to(&mut self.gradient, &self.agent.parameters);
+        }
+        let decayed = pull.map_or(Decayed::All, FusedPull::covered);
+        let AgentState { parameters, adam: AdamState { exp_avg, exp_avg_sq, step }, .. } = &mut self.agent;
+        let moments = Moments { exp_avg, exp_avg_sq, step: *step + 1 };
+        let norm = clip_and_adam(parameters, &self.gradient, moments, max_grad_norm, decayed, adam);
+        *step += u64::from(norm.is_finite());
+        self.is_stale = true;
+        norm
+    }
+}
