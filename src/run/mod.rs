@@ -42,7 +42,7 @@ use evaluations::{Phase, Row};
 use lock::Lock;
 use logs::{Logs, Mark, Marks, PLASTICITY, PROGRESS, TENSORBOARD};
 use manifest::{Manifest, Start, Status};
-use rows::When;
+use rows::{Columns, When};
 use snapshot::SavedSnapshot;
 use standing::Found;
 
@@ -76,6 +76,10 @@ pub struct RunDir {
     path: PathBuf,
     manifest: Manifest,
     logs: Logs,
+    /// Those of `progress.csv`.
+    progress_columns: Columns,
+    /// Those of `plasticity.csv`.
+    plasticity_columns: Columns,
     evaluations: Vec<Row>,
     /// That of the file of evaluations as it stands.
     evaluated: Mark,
@@ -155,14 +159,19 @@ impl RunDir {
             _ => evaluations::read_beginning(path, evaluated.bytes)?,
         };
         let since = (Instant::now(), seconds.unwrap_or(manifest.seconds));
-        let logs = match standing {
-            Standing::Finished => Logs::closed(path),
-            _ => Logs::cut_back(path, &marks)?,
+        let (logs, progress_columns, plasticity_columns) = match standing {
+            Standing::Finished => (Logs::closed(path), Columns::default(), Columns::default()),
+            _ => {
+                let logs = Logs::cut_back(path, &marks)?;
+                (logs, Columns::of_log(&path.join(PROGRESS))?, Columns::of_log(&path.join(PLASTICITY))?)
+            }
         };
         let dir = Self {
             path: path.to_owned(),
             manifest,
             logs,
+            progress_columns,
+            plasticity_columns,
             evaluations,
             evaluated,
             algorithm: plan.config.algorithm.clone(),
@@ -224,7 +233,7 @@ impl RunDir {
     /// Those of the file system.
     pub fn log(&mut self, stage: &Stage, timesteps: u64, cumulative: u64, metrics: &Metrics) -> Result<()> {
         let when = When { timesteps, cumulative, seconds: self.seconds() };
-        let row = rows::progress(self.logs.is_empty(PROGRESS), stage, when, metrics)?;
+        let row = rows::progress(&mut self.progress_columns, stage, when, metrics)?;
         self.logs.append(PROGRESS, &row)?;
         let stage = ("stage", f64::from(stage.index));
         let metrics = [stage].into_iter().chain(metrics.iter().copied());
@@ -243,7 +252,7 @@ impl RunDir {
         measurement: &Measurement,
     ) -> Result<()> {
         let when = When { timesteps, cumulative, seconds: self.seconds() };
-        let row = rows::plasticity(self.logs.is_empty(PLASTICITY), stage, when, &measurement.measures)?;
+        let row = rows::plasticity(&mut self.plasticity_columns, stage, when, &measurement.measures)?;
         self.logs.append(PLASTICITY, &row)?;
         self.tensorboard(&tensorboard::plasticity(cumulative, measurement))
     }

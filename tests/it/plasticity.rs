@@ -206,3 +206,33 @@ fn resuming_leaves_the_same_rows() {
         assert_eq!(run.manifest()["plasticity_interval"], 0);
     }
 }
+
+/// A run that an earlier version began, before there was some measure, and with one that is gone since.
+#[test]
+fn a_resumed_log_keeps_the_columns_that_it_has() {
+    let sandbox = Sandbox::new();
+    let command = format!("{CURRICULUM} ppo.yaml --plasticity-interval 1 --out out");
+    sandbox.succeeds(&command);
+    let run = run(&sandbox, "ppo", "out");
+    let (columns, rows) = read(&run);
+    let new = columns.iter().position(|column| column.ends_with("stable_rank")).expect("a column");
+    let old = |cells: &mut dyn Iterator<Item = &str>, gone: &str| {
+        let mut cells: Vec<&str> = cells.collect();
+        cells[new] = gone;
+        cells.join(",") + "\n"
+    };
+    let header = old(&mut columns.iter().map(String::as_str), "plasticity/gone");
+    let [first, second] = [0, 1].map(|stage| {
+        let of_stage = rows.iter().filter(|row| row[0] == *["0", "1"][stage]);
+        of_stage.map(|row| old(&mut row.iter(), ["0.5", "NaN"][stage])).collect::<String>()
+    });
+    let log = header + &first;
+    std::fs::write(run.0.join("plasticity.csv"), &log).expect("the run is writable");
+    run.unfinish(1);
+    run.rewrite_manifest(|manifest| {
+        let mark = serde_json::json!({ "bytes": log.len(), "crc": crc32fast::hash(log.as_bytes()) });
+        manifest["marks"][0]["plasticity.csv"] = mark;
+    });
+    sandbox.succeeds(&format!("{command} --resume"));
+    assert_eq!(run.text("plasticity.csv"), log + &second);
+}
