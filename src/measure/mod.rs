@@ -38,6 +38,7 @@ measures! {
     effective_rank,
     stable_rank,
     rank_99,
+    constant_units,
 }
 
 /// One measure: how logs and reports name it, what it means, and how it is computed.

@@ -119,10 +119,16 @@ fn each_stage_is_measured_at_its_begin_its_end_and_between() {
 #[test]
 fn columns_name_towers_and_layers() {
     let sandbox = Sandbox::new();
-    for (algo, towers, of_units, num_rows) in [
-        ("ppo", &["policy", "value"][..], &["saturated_units", "saturated_activations"][..], 4),
+    for (algo, towers, of_units, later, num_rows) in [
+        (
+            "ppo",
+            &["policy", "value"][..],
+            &["saturated_units", "saturated_activations"][..],
+            &["constant_units"][..],
+            4,
+        ),
         // The one row of a short stage is its first and its last.
-        ("dqn", &["q"], &["dead_units"], 2),
+        ("dqn", &["q"], &["dead_units"], &[], 2),
     ] {
         sandbox.succeeds(&format!("{CURRICULUM} {algo}.yaml --set hidden=[8,6] --out out"));
         let (columns, rows) = read(&run(&sandbox, algo, "out"));
@@ -131,7 +137,7 @@ fn columns_name_towers_and_layers() {
         for tower in towers {
             for layer in 0..2 {
                 let hidden = ["weight_magnitude", "dormant_0.1", "dormant_0.025"].iter().chain(of_units);
-                let hidden = hidden.chain(&["effective_rank", "stable_rank", "rank_99"]);
+                let hidden = hidden.chain(&["effective_rank", "stable_rank", "rank_99"]).chain(later);
                 expected.extend(hidden.map(|name| format!("plasticity/{tower}.{layer}/{name}")));
             }
             expected.push(format!("plasticity/{tower}.2/weight_magnitude"));
