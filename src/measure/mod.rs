@@ -10,7 +10,7 @@ pub mod probe;
 mod sample;
 mod spectrum;
 
-pub use sample::{Hidden, Layer, Sample, Units, Update};
+pub use sample::{Head, Hidden, Layer, Sample, Units, Update};
 pub use spectrum::Spectrum;
 
 /// What the names of all columns of measures begin with.
@@ -78,6 +78,8 @@ pub enum Loss {
 pub enum Of {
     /// An update of any agent: one number.
     Update(fn(&Update) -> f64),
+    /// An update of an agent whose outputs mean this.
+    UpdateOf(Head, fn(&Update) -> f64),
     /// The weights `[inputs · outputs]` of each layer, the output layer included.
     Weights(fn(&[f32]) -> f64),
     /// The activations of each hidden layer.
@@ -99,13 +101,14 @@ impl Measure {
 
     /// Whether it is of one layer, and not of the whole agent.
     pub fn is_of_layer(&self) -> bool {
-        !matches!(self.of, Of::Update(_))
+        !matches!(self.of, Of::Update(_) | Of::UpdateOf(..))
     }
 
     /// Its value of an update, if it is of one.
     fn of_update(&self, update: &Update) -> Option<f64> {
         match self.of {
             Of::Update(compute) => Some(compute(update)),
+            Of::UpdateOf(head, compute) => (update.head == head).then(|| compute(update)),
             _ => None,
         }
     }
@@ -113,7 +116,7 @@ impl Measure {
     /// Its value of a layer, if such layers have it.
     fn of_layer(&self, layer: &Layer) -> Option<f64> {
         match self.of {
-            Of::Update(_) => None,
+            Of::Update(_) | Of::UpdateOf(..) => None,
             Of::Weights(compute) => Some(compute(layer.weights)),
             Of::Hidden(compute) => layer.hidden.as_ref().map(compute),
             Of::HiddenOf(units, compute) => layer.hidden.as_ref().filter(|hidden| hidden.units() == units).map(compute),
@@ -191,7 +194,7 @@ mod tests {
         let text = include_str!("../../docs/metrics.md");
         for measure in catalogue() {
             let table = match measure.of {
-                Of::Update(_) => PREFIX,
+                Of::Update(_) | Of::UpdateOf(..) => PREFIX,
                 Of::Weights(_) => "plasticity/<tower>.<i>/",
                 Of::Hidden(_) | Of::HiddenOf(..) => "",
             };

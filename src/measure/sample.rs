@@ -24,8 +24,33 @@ pub struct Update<'a> {
     pub greedy_before: Vec<usize>,
     /// The same after it.
     pub greedy_after: Vec<usize>,
+    /// What leaves the tower that chooses actions after it, `[N, A]`, row by row.
+    pub outputs: Vec<f32>,
+    /// A, the number of actions.
+    pub actions: usize,
+    /// What these outputs mean.
+    pub head: Head,
     /// `train/grad_norm` of the update, which the parameters do not tell.
     pub grad_norm: f64,
+}
+
+/// What the outputs mean by which an agent chooses its actions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Head {
+    /// They are the logits of a policy.
+    Logits,
+    /// They are the values of the actions.
+    Values,
+}
+
+impl Update<'_> {
+    /// The mean over the states of `of` the outputs there, `[A]`.
+    pub fn mean_over_states(&self, of: impl Fn(&[f64]) -> f64) -> f64 {
+        let rows = self.outputs.chunks_exact(self.actions);
+        let count = rows.len() as f64;
+        let value = |row: &[f32]| of(&row.iter().copied().map(f64::from).collect::<Vec<f64>>());
+        rows.map(value).sum::<f64>() / count
+    }
 }
 
 /// One layer after the update.
@@ -137,7 +162,16 @@ pub(super) mod tests {
 
     /// An update that changed nothing, in one state.
     pub fn update() -> Update<'static> {
-        Update { before: &[], after: &[], greedy_before: vec![0], greedy_after: vec![0], grad_norm: 0.0 }
+        Update {
+            before: &[],
+            after: &[],
+            greedy_before: vec![0],
+            greedy_after: vec![0],
+            outputs: vec![0.0; 4],
+            actions: 4,
+            head: Head::Logits,
+            grad_norm: 0.0,
+        }
     }
 
     /// What measures of any hidden layer say of this one.

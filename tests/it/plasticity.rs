@@ -4,7 +4,7 @@ use bit_mlp::BitBatch;
 use coverage_env::Level;
 use cpp_rl::agent::config;
 use cpp_rl::measure::probe::Probe;
-use cpp_rl::measure::{self, Hidden, Layer, Sample, Units, Update};
+use cpp_rl::measure::{self, Head, Hidden, Layer, Sample, Units, Update};
 use serde_json::Value;
 
 use crate::sandbox::{RunFiles, Sandbox};
@@ -42,8 +42,16 @@ fn layers_measure_what_numpy_computes() {
         let rows: Vec<Vec<f64>> = list(&layer["activations"]).iter().map(floats).collect();
         let units = if layer["activation"] == "tanh" { Units::Tanh } else { Units::Relu };
         let hidden = Some(Hidden::new(rows.concat(), rows[0].len(), units));
-        let update =
-            Update { before: &[], after: &[], greedy_before: vec![], greedy_after: vec![], grad_norm: f64::NAN };
+        let update = Update {
+            before: &[],
+            after: &[],
+            greedy_before: vec![],
+            greedy_after: vec![],
+            outputs: vec![],
+            actions: 4,
+            head: Head::Logits,
+            grad_norm: f64::NAN,
+        };
         let layers = vec![Layer { name: "tower.0".to_owned(), weights: &[], hidden }];
         let measured = measure::columns(&Sample { update, layers });
         let name = |column: &str| column.strip_prefix("plasticity/tower.0/").map(str::to_owned);

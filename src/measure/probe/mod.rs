@@ -12,9 +12,9 @@ pub use reference::{NUM_STATES, reference_batch};
 use bit_mlp::{Activation, BitBatch, Workspace};
 use coverage_env::Action;
 
-use super::{Hidden, Layer, Sample, Units, Update, columns};
+use super::{Head, Hidden, Layer, Sample, Units, Update, columns};
 use crate::agent::greedy;
-use crate::agent::network::{Network, Tower};
+use crate::agent::network::{Network, NetworkKind, Tower};
 
 /// What one measurement tells of an agent.
 #[derive(Debug, Default)]
@@ -44,15 +44,17 @@ impl Probe {
     /// `grad_norm` is the update's own, which the parameters do not tell.
     pub fn measure(&self, before: &[f32], after: &[f32], grad_norm: f64) -> Measurement {
         let mut workspace = Workspace::default();
-        let mut greedy_actions = |parameters: &[f32]| {
-            let outputs = self.network.acting().forward(parameters, self.states.all(), &mut workspace);
-            outputs.chunks_exact(Action::COUNT).map(|values| greedy(values).index()).collect::<Vec<usize>>()
-        };
+        let mut outputs =
+            |parameters| self.network.acting().forward(parameters, self.states.all(), &mut workspace).to_vec();
+        let [outputs_before, outputs] = [before, after].map(&mut outputs);
         let update = Update {
             before,
             after,
-            greedy_before: greedy_actions(before),
-            greedy_after: greedy_actions(after),
+            greedy_before: greedy_actions(&outputs_before),
+            greedy_after: greedy_actions(&outputs),
+            outputs,
+            actions: Action::COUNT,
+            head: head(self.network.kind()),
             grad_norm,
         };
         let (mut layers, mut distributions) = (Vec::new(), Vec::new());
@@ -86,6 +88,19 @@ impl Probe {
             });
             layers.push(Layer { name, weights, hidden });
         }
+    }
+}
+
+/// The greedy action in each state by these outputs `[N, A]`, `[N]`.
+fn greedy_actions(outputs: &[f32]) -> Vec<usize> {
+    outputs.chunks_exact(Action::COUNT).map(|values| greedy(values).index()).collect()
+}
+
+/// What measures call the outputs of a network.
+fn head(kind: NetworkKind) -> Head {
+    match kind {
+        NetworkKind::ActorCritic => Head::Logits,
+        NetworkKind::QNetwork => Head::Values,
     }
 }
 
