@@ -39,6 +39,7 @@ measures! {
     stable_rank,
     rank_99,
     constant_units,
+    policy_entropy,
 }
 
 /// One measure: how logs and reports name it, what it means, and how it is computed.
