@@ -40,6 +40,7 @@ measures! {
     rank_99,
     constant_units,
     policy_entropy,
+    logit_scale,
 }
 
 /// One measure: how logs and reports name it, what it means, and how it is computed.
