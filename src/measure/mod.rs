@@ -41,6 +41,7 @@ measures! {
     constant_units,
     policy_entropy,
     logit_scale,
+    action_gap,
 }
 
 /// One measure: how logs and reports name it, what it means, and how it is computed.

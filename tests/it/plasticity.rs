@@ -142,7 +142,7 @@ fn columns_name_towers_and_layers() {
         let (columns, rows) = read(&run(&sandbox, algo, "out"));
         let mut expected =
             ["grad_norm", "update_norm", "policy_churn"].map(|name| format!("plasticity/{name}")).to_vec();
-        let of_outputs = if algo == "ppo" { &["policy_entropy", "logit_scale"][..] } else { &[] };
+        let of_outputs = if algo == "ppo" { &["policy_entropy", "logit_scale"][..] } else { &["action_gap"] };
         expected.extend(of_outputs.iter().map(|name| format!("plasticity/{name}")));
         for tower in towers {
             for layer in 0..2 {
