@@ -13,7 +13,7 @@ pub(super) const MEASURES: &[Measure] = &[Measure {
     of: Of::Hidden(|hidden| effective_rank(hidden.spectrum())),
 }];
 
-fn effective_rank(spectrum: &Spectrum) -> f64 {
+pub(super) fn effective_rank(spectrum: &Spectrum) -> f64 {
     let sum = spectrum.sum();
     if sum == 0.0 {
         return 0.0;

@@ -42,6 +42,7 @@ measures! {
     policy_entropy,
     logit_scale,
     action_gap,
+    centred_rank,
 }
 
 /// One measure: how logs and reports name it, what it means, and how it is computed.

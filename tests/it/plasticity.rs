@@ -132,11 +132,11 @@ fn columns_name_towers_and_layers() {
             "ppo",
             &["policy", "value"][..],
             &["saturated_units", "saturated_activations"][..],
-            &["constant_units"][..],
+            &["constant_units", "centred_rank"][..],
             4,
         ),
         // The one row of a short stage is its first and its last.
-        ("dqn", &["q"], &["dead_units"], &[], 2),
+        ("dqn", &["q"], &["dead_units"], &["centred_rank"], 2),
     ] {
         sandbox.succeeds(&format!("{CURRICULUM} {algo}.yaml --set hidden=[8,6] --out out"));
         let (columns, rows) = read(&run(&sandbox, algo, "out"));
