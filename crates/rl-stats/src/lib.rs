@@ -14,6 +14,7 @@ pub mod aggregate;
 mod bootstrap;
 pub mod continual;
 pub mod curve;
+pub mod few;
 pub mod pairs;
 
 pub use bootstrap::{Bootstrap, Estimate, Interval, Resamples, ShapeError, percentile_interval, quantile};
