@@ -7,7 +7,7 @@ use crate::first_layer::WeightGradient;
 use crate::matmul::{Factor, Matmul};
 use crate::mlp::Mlp;
 use crate::norm::NormGradient;
-use crate::workspace::{Trace, Workspace};
+use crate::workspace::{Passed, Trace, Workspace};
 
 impl Mlp {
     /// The gradient of the loss with respect to this network's parameters, written over
@@ -35,10 +35,14 @@ impl Mlp {
         grads: &mut [f32],
     ) {
         let Workspace { arch, packed, trace, deltas, gradient, bias, active_in, .. } = workspace;
-        let Trace { activations, normalised, inverse, mirrored } = trace;
+        let Trace { layers, mirrored } = trace;
         let last = self.blocks().len() - 1;
         assert_eq!(d_outputs.len(), batch.len() * self.outputs(), "d_outputs is [B, outputs]");
-        assert_eq!(activations[last].len(), batch.len() * padded(self.outputs()), "the forward pass had another shape");
+        assert_eq!(
+            layers[last].leaving.len(),
+            batch.len() * padded(self.outputs()),
+            "the forward pass had another shape"
+        );
 
         deltas.resize_with(self.blocks().len(), Buffer::default);
         deltas[last].copy_padded(d_outputs, self.outputs());
@@ -72,7 +76,8 @@ impl Mlp {
                 });
                 continue;
             };
-            let input = &*activations[index - 1];
+            let Passed { leaving, normalised, inverse } = &layers[index - 1];
+            let input = &**leaving;
 
             // ∂weight = xᵀ δ, or δᵀ x where most of δ is padding: the same products in the same order
             let narrow = block.width <= width / 2;
@@ -104,19 +109,18 @@ impl Mlp {
 
             // δ' = (δ weightᵀ) ⊙ activation'
             let below = &self.blocks()[index - 1];
-            let mirrors = below.outputs() != below.width;
-            let leaving = if mirrors { &mut *mirrored } else { &mut *lower };
-            leaving.resize(batch.len() * inputs);
+            let d_leaving = if below.mirrors() { &mut *mirrored } else { &mut *lower };
+            d_leaving.resize(batch.len() * inputs);
             arch.dispatch(Matmul {
                 left: Factor::new(delta, width),
                 right: packed.weight(index, block, params).transposed(),
                 initial: None,
                 depth: block.width,
                 width: inputs,
-                out: leaving,
+                out: d_leaving,
             });
-            arch.dispatch(Differentiate { activation: self.activation(), activated: input, gradients: leaving });
-            if mirrors {
+            arch.dispatch(Differentiate { activation: self.activation(), activated: input, gradients: d_leaving });
+            if below.mirrors() {
                 lower.resize(batch.len() * padded(below.width));
                 arch.dispatch(MirrorGradient { gradients: mirrored, width: below.width, out: lower });
             }
@@ -124,8 +128,8 @@ impl Mlp {
                 let (d_scale, d_shift) = grads[norm.scale.start..norm.shift.end].split_at_mut(norm.scale.len());
                 arch.dispatch(NormGradient {
                     scale: &params[norm.scale.clone()],
-                    normalised: &normalised[index - 1],
-                    inverse: &inverse[index - 1],
+                    normalised,
+                    inverse,
                     gradients: lower,
                     d_scale,
                     d_shift,

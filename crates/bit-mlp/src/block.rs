@@ -89,6 +89,11 @@ impl Block {
         self.width * self.activation.map_or(1, Activation::outputs_per_unit)
     }
 
+    /// Whether CReLU's mirror image comes between the sums and what leaves the block.
+    pub(crate) fn mirrors(&self) -> bool {
+        self.activation == Some(Activation::Crelu)
+    }
+
     /// The block's tensors in the order in which they lie, one after the other.
     pub fn places(&self) -> Vec<Place> {
         let vector = |name, range: &Range<usize>| Place { name, shape: vec![self.width], range: range.clone() };

@@ -11,10 +11,10 @@ use crate::first_layer::SumRows;
 use crate::matmul::{FAR, Factor, Matmul};
 use crate::mlp::Mlp;
 use crate::norm::Normalise;
-use crate::workspace::{Trace, Workspace};
+use crate::workspace::{Passed, Trace, Workspace};
 
 /// What a forward pass needs of the parameters, apart from the weights that are read where they lie:
-/// rows padded to whole lines, so that the kernels have no tails and their loads straddle no lines.
+/// rows padded to whole lines, so that products have no tails and their loads straddle no lines.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Packed {
     /// `[padded(width)]` of the first layer: its bias plus the weights of the constant inputs.
@@ -66,7 +66,8 @@ impl Packed {
         }
     }
 
-    /// Runs the network on `samples`, `B` of them, and leaves in `trace` what every layer computed.
+    /// Runs the network on `samples`, `B` of them, and leaves in `trace`, which has the network's
+    /// depth, what every layer computed.
     ///
     /// Both ways to an output end here, which is why they agree bit for bit.
     fn run<'a>(
@@ -77,20 +78,19 @@ impl Packed {
         samples: impl ExactSizeIterator<Item = &'a [u16]> + Clone,
         trace: &mut Trace,
     ) {
-        trace.resize(mlp.blocks().len());
-        let Trace { activations, normalised, inverse, mirrored } = trace;
+        let Trace { layers, mirrored } = trace;
         for (index, block) in mlp.blocks().iter().enumerate() {
-            let (before, after) = activations.split_at_mut(index);
+            let (before, after) = layers.split_at_mut(index);
+            let Passed { leaving, normalised, inverse } = &mut after[0];
             let width = padded(block.width);
             let len = samples.len() * width;
-            // Straight to where they leave the layer, if nothing but an activation comes before.
-            let mirrors = block.outputs() != block.width;
-            let activated = if mirrors { &mut *mirrored } else { &mut after[0] };
-            let out = if block.norm.is_some() { &mut normalised[index] } else { &mut *activated };
+            // The sums go straight to where they leave the layer, unless something comes before the activation.
+            let activated = if block.mirrors() { &mut *mirrored } else { &mut *leaving };
+            let out = if block.norm.is_some() { &mut *normalised } else { &mut *activated };
             out.resize(len);
             if let Some(input) = before.last() {
                 arch.dispatch(Matmul {
-                    left: Factor::new(input, padded(block.inputs)),
+                    left: Factor::new(&input.leaving, padded(block.inputs)),
                     right: self.weight(index, block, params),
                     initial: Some(&self.biases[index]),
                     depth: block.inputs,
@@ -108,21 +108,21 @@ impl Packed {
             }
             if let Some(norm) = &block.norm {
                 activated.resize(len);
-                inverse[index].resize(samples.len(), 0.0);
+                inverse.resize(samples.len(), 0.0);
                 arch.dispatch(Normalise {
                     scale: &params[norm.scale.clone()],
                     shift: &params[norm.shift.clone()],
-                    values: &mut normalised[index],
-                    inverse: &mut inverse[index],
+                    values: normalised,
+                    inverse,
                     out: activated,
                 });
             }
-            if mirrors {
-                after[0].resize(samples.len() * padded(block.outputs()));
-                arch.dispatch(Mirror { values: mirrored, width: block.width, out: &mut after[0] });
+            if block.mirrors() {
+                leaving.resize(samples.len() * padded(block.outputs()));
+                arch.dispatch(Mirror { values: mirrored, width: block.width, out: leaving });
             }
             if let Some(activation) = block.activation {
-                arch.dispatch(Activate { activation, values: &mut after[0] });
+                arch.dispatch(Activate { activation, values: leaving });
             }
         }
     }
@@ -139,9 +139,10 @@ impl Mlp {
         widths.clear();
         widths.extend(self.blocks().iter().map(Block::outputs));
         packed.pack(*arch, self, params, batch.constant());
+        trace.layers.resize_with(self.blocks().len(), Passed::default);
         packed.run(*arch, self, params, batch.samples(), trace);
         outputs.resize(batch.len() * self.outputs(), 0.0);
-        trace.activations[self.blocks().len() - 1].copy_unpadded(outputs, self.outputs());
+        trace.layers[self.blocks().len() - 1].leaving.copy_unpadded(outputs, self.outputs());
         outputs
     }
 }
@@ -176,6 +177,7 @@ impl Prepared {
     /// nothing.
     pub fn refresh(&mut self, params: &[f32], constant: &[u16]) {
         self.packed.pack(self.arch, &self.mlp, params, constant);
+        self.trace.layers.resize_with(self.mlp.blocks().len(), Passed::default);
     }
 
     /// The outputs `[outputs]` for one sample with these active inputs beside the constant ones.
@@ -184,7 +186,7 @@ impl Prepared {
     /// and of wide ones are read from them, the rest from the preparation.
     pub fn forward_one(&mut self, params: &[f32], active: &[u16]) -> &[f32] {
         self.packed.run(self.arch, &self.mlp, params, std::iter::once(active), &mut self.trace);
-        &self.trace.activations[self.mlp.blocks().len() - 1][..self.mlp.outputs()]
+        &self.trace.layers[self.mlp.blocks().len() - 1].leaving[..self.mlp.outputs()]
     }
 }
 
@@ -194,8 +196,8 @@ mod tests {
     use crate::batch::BitBatch;
     use crate::block::{Activation, Shape};
 
-    /// Plain code, every instruction set of this machine that has kernels, and the one that is
-    /// chosen.
+    /// Plain code, every instruction set of this machine that is supported, and the one
+    /// that is chosen.
     fn architectures() -> Vec<Arch> {
         let mut all = vec![Arch::Scalar, Arch::new()];
         #[cfg(target_arch = "x86_64")]

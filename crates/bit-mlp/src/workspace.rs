@@ -31,26 +31,23 @@ pub struct Workspace {
 /// What a forward pass leaves for the backward pass.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Trace {
-    /// Per layer `[B, padded(outputs)]`: what leaves it, activated unless it is the last.
-    pub(crate) activations: Vec<Buffer>,
-    /// Per layer `[B, padded(width)]`: the normalised sums, before scale and shift. Stale where
-    /// nothing is normalised.
-    pub(crate) normalised: Vec<Buffer>,
-    /// Per layer `[B]`: what the centred sums were multiplied with to normalise them. Stale
-    /// likewise.
-    pub(crate) inverse: Vec<Vec<f32>>,
+    /// From the inputs to the outputs.
+    pub(crate) layers: Vec<Passed>,
     /// Of the layer at hand, if what leaves it is mirrored: `[B, padded(width)]` what is, and
     /// `[B, padded(outputs)]` its loss gradient on the way back.
     pub(crate) mirrored: Buffer,
 }
 
-impl Trace {
-    /// Makes room for a network of as many layers.
-    pub(crate) fn resize(&mut self, layers: usize) {
-        self.activations.resize_with(layers, Buffer::default);
-        self.normalised.resize_with(layers, Buffer::default);
-        self.inverse.resize_with(layers, Vec::new);
-    }
+/// What a layer computed.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Passed {
+    /// `[B, padded(outputs)]`: what leaves the layer, activated unless it is the last.
+    pub(crate) leaving: Buffer,
+    /// `[B, padded(width)]`: the normalised sums, before scale and shift. Stale where nothing is
+    /// normalised.
+    pub(crate) normalised: Buffer,
+    /// `[B]`: what the centred sums were multiplied with to normalise them. Stale likewise.
+    pub(crate) inverse: Vec<f32>,
 }
 
 impl Default for Workspace {
@@ -81,7 +78,7 @@ impl Workspace {
     pub fn activations(&self, index: usize) -> Activations<'_> {
         let layers = self.widths.len();
         assert!(index < layers, "the last forward pass had {layers} layers, and none with index {index}");
-        Activations { values: &self.trace.activations[index], width: self.widths[index] }
+        Activations { values: &self.trace.layers[index].leaving, width: self.widths[index] }
     }
 }
 
