@@ -1,8 +1,8 @@
-//! How far the kernel is from what one core can do: `cargo bench -p bit-mlp --bench limits`, on an
+//! How far the engine is from what one core can do: `cargo bench -p bit-mlp --bench limits`, on an
 //! idle core (`taskset -c 0`).
 //!
 //! Prints `name<TAB>value<TAB>unit`, a quantity a line: what the core reaches in arithmetic and in
-//! memory traffic with the kernel's own instruction set, what a minibatch must do by formula, and
+//! memory traffic with the engine's own instruction set, what a minibatch must do by formula, and
 //! what it takes. Peaks are the best of many short repetitions, since what disturbs a measurement
 //! only slows it down; the minibatches are treated alike.
 
@@ -90,7 +90,7 @@ fn fastest<T>(mut call: impl FnMut() -> T) -> f64 {
     fastest
 }
 
-/// What a minibatch of the study's shapes has to do, zeros left out: an input that is 0 costs
+/// What a minibatch of the paper's shapes has to do, zeros left out: an input that is 0 costs
 /// nothing, and inputs that are 1 in every sample are one row.
 #[derive(Clone, Copy, Default)]
 struct Work {

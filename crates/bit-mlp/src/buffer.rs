@@ -1,4 +1,4 @@
-//! Memory on cache lines, and the padding that frees the kernels from tails.
+//! Memory on cache lines, and the padding that frees products from tails.
 
 use bytemuck::{Pod, Zeroable};
 

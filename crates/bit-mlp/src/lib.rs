@@ -1,16 +1,23 @@
 //! Small multilayer perceptrons on binary inputs: forward, backward and Adam on one CPU core.
 //!
-//! The observation of the coverage grid world is a vector of bits of which few are set, and most of
-//! those never change while the map stays the same. A general tensor library multiplies the zeros
-//! anyway, and spends more time between its kernels than in them when a minibatch is 64 samples.
-//! Here the first layer is a sum of rows of its weight, every buffer is allocated once, and the
-//! whole gradient step of a network of 42,000 parameters takes some tens of microseconds.
+//! The inputs are bits. Few of them are set, and most of those are the same in every sample: the
+//! map, where the inputs describe a grid. A general tensor library multiplies the zeros as well.
+//! With a minibatch of 64 samples it also spends most of its time between its operations. Here the
+//! first layer is a sum of rows of its weight, and every buffer is allocated once. The whole
+//! gradient step of a network of 42,000 parameters takes some tens of microseconds.
 //!
 //! # Parameters
-//! The parameters of all networks of one agent lie in **one flat slice** of `f32` that the caller
-//! owns; an [`Mlp`] says where its own are. Layer by layer: weight `[inputs, width]` row-major, so
-//! that the weights leaving one input are contiguous, then bias `[width]` ([`Block`]). Gradients and
-//! Adam's moments are flat slices of the same length.
+//! The caller owns the parameters: **one flat slice** of `f32` for all networks of one agent. An
+//! [`Mlp`] says where its own lie, one [`Block`] per layer. A block has a weight `[inputs, width]`,
+//! row-major, so that the weights leaving one input are contiguous. Its bias `[width]` follows, and
+//! with layer normalisation a scale `[width]` and a shift `[width]`. Gradients and Adam's moments
+//! are flat slices of the same length.
+//!
+//! # Networks
+//! A [`Shape`] says what a network looks like: its sizes, its [`Activation`] (tanh, ReLU or CReLU),
+//! and whether hidden layers are normalised. It counts the parameters before anything is made.
+//! [`Workspace::activations`] shows what left each layer in the last forward pass. A [`Pull`] adds a
+//! penalty towards zeros or an anchor to the gradient.
 //!
 //! # A gradient step
 //! ```
@@ -42,9 +49,9 @@
 //! machines; on one machine results depend on the inputs alone, bit for bit. Between instruction
 //! sets they differ by rounding.
 
-// The kernels are written against `pulp::Simd`, and every function that takes a `simd` is
+// The inner loops are written against `pulp::Simd`, and every function that takes a `simd` is
 // `#[inline(always)]`: what is not inlined into its `dispatch` is compiled for the oldest
-// processor. That goes for closures too, so there are none.
+// processor. That goes for closures too, so these functions have none.
 
 mod activation;
 mod adam;
@@ -69,7 +76,7 @@ pub use mlp::Mlp;
 pub use pull::{GradientNorms, Pull, gradient_norms};
 pub use workspace::{Activations, Workspace};
 
-/// The instruction set that the kernels use on this machine: `avx512`, `avx2`, `neon` or `plain`.
+/// The instruction set used on this machine: `avx512`, `avx2`, `neon` or `plain`.
 pub fn instruction_set() -> &'static str {
     match pulp::Arch::new() {
         #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]

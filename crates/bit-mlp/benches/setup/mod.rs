@@ -1,4 +1,4 @@
-//! The study's networks and what they are trained on, for the benches.
+//! The paper's networks and what they are trained on, for the benches.
 
 use bit_mlp::{Activation, AdamConfig, Batch, BitBatch, Decayed, Mlp, Moments, Workspace, clip_and_adam};
 use chacha20::ChaCha8Rng;
