@@ -1,4 +1,4 @@
-//! One layout of a layer, for all who compute, count, store or read its parameters.
+//! Where the parameters of a layer lie: one layout to compute with, count, store and read.
 
 use std::ops::Range;
 
@@ -9,8 +9,8 @@ pub enum Activation {
     Tanh,
     /// `max(x, 0)`, as Stable-Baselines3's DQN. Its derivative at 0 is taken as 0.
     Relu,
-    /// `[max(x, 0), max(−x, 0)]`: two values per unit, so that no unit can fall silent (Abbas et al.,
-    /// 2023, <https://arxiv.org/abs/2303.07507>). Both derivatives at 0 are taken as 0.
+    /// `[max(x, 0), max(−x, 0)]`: two values per unit, so that one of them always passes a
+    /// gradient (Abbas et al., 2023, <https://arxiv.org/abs/2303.07507>). Both derivatives at 0 are taken as 0.
     Crelu,
 }
 

@@ -5,9 +5,10 @@ use pulp::Arch;
 use crate::buffer::{Buffer, padded};
 use crate::forward::Packed;
 
-/// Memory for [`Mlp::forward`](crate::Mlp::forward) and [`Mlp::backward`](crate::Mlp::backward). It grows to the largest network and batch it
-/// has seen, and can serve any; between a forward pass and its backward pass it must serve no
-/// other.
+/// Memory for [`Mlp::forward`](crate::Mlp::forward) and [`Mlp::backward`](crate::Mlp::backward).
+///
+/// It grows to the largest network and batch it has seen, and can serve any. Between a forward pass
+/// and its backward pass it must serve no other.
 #[derive(Clone, Debug)]
 pub struct Workspace {
     pub(crate) arch: Arch,
