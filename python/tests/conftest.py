@@ -40,7 +40,7 @@ def random_checkpoint(algorithm: str = "ppo", *, height: int = 2, width: int = 3
         stage=1,
         level="3",
         source='a "quoted" source, nämlich "crc32":"12345678"',
-        counters={"target_calls": 99} if algorithm == "dqn" else {},
+        counters={"updates": 12, "target_calls": 99 if algorithm == "dqn" else 0},
     )
     prefixes = [""] + ["target/"] * (algorithm == "dqn") + ["exp_avg/", "exp_avg_sq/"] * optimizer
     for name, shape in list(checkpoint.parameters()):

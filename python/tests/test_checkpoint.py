@@ -79,13 +79,50 @@ def test_every_damaged_byte_is_noticed() -> None:
         ({"towers": {"policy": [24, 5, 4], "value": [24, 1]}}, "value"),
         ({"towers": {"policy": 4}}, "not a readable checkpoint"),
         ({"adam_step": 0}, "optimiser state but adam_step 0"),
-        ({"counters": {"target_calls": 1}}, "ppo has the counters"),
+        ({"counters": {"episodes": 1}}, "counter 'episodes' is not one of updates, target_calls"),
+        ({"counters": {"updates": -1}}, "counter updates is -1, not a whole number"),
+        ({"counters": [1]}, "not a readable checkpoint"),
     ],
 )
 def test_wrong_metadata_is_named(change: dict, message: str) -> None:
     raw = with_header(to_bytes(random_checkpoint()), change)
     with pytest.raises(CheckpointError, match=message):
         from_bytes(raw, "c")
+
+
+@pytest.mark.parametrize("counters", [{}, {"updates": 7}, {"target_calls": 7}, {"target_calls": 1, "updates": 2}])
+def test_any_of_the_counters_may_be_missing(counters: dict) -> None:
+    raw = with_header(to_bytes(random_checkpoint("dqn")), {"counters": counters})
+    assert from_bytes(raw, "c").counters == counters
+
+
+def test_what_later_versions_may_add_is_kept() -> None:
+    """Optional fields of the header, and tensors under prefixes of their own."""
+    checkpoint = random_checkpoint()
+    checkpoint.extra = {"mitigation": {"name": "l2-init", "dose": 0.5}}
+    checkpoint.tensors["initial/policy.0.bias"] = np.arange(5, dtype=np.float32)
+    raw = to_bytes(checkpoint)
+    assert_equal(from_bytes(raw, "c"), checkpoint)
+    assert to_bytes(from_bytes(raw, "c")) == raw
+    assert checkpoint.forward("policy", np.zeros((1, 4, 2, 3))).shape == (1, 4)
+
+
+def test_normalised_layers_are_kept_but_not_computed() -> None:
+    checkpoint = random_checkpoint()
+    checkpoint.norm = "layer"
+    for name in ("policy.0.norm.weight", "exp_avg/policy.0.norm.weight"):
+        checkpoint.tensors[name] = np.ones(5, np.float32)
+    assert_equal(from_bytes(to_bytes(checkpoint), "c"), checkpoint)
+    with pytest.raises(ValueError, match="are normalised"):
+        checkpoint.forward("policy", np.zeros((1, 4, 2, 3)))
+
+
+@pytest.mark.parametrize("name", ["policy.9.weight", "target/policy.0.bias", "exp_avg/policy.9.bias"])
+def test_unknown_tensors_of_the_networks_are_named(name: str) -> None:
+    checkpoint = random_checkpoint()
+    checkpoint.tensors[name] = np.zeros(1, np.float32)
+    with pytest.raises(ValueError, match=f"unknown tensors {name}"):
+        to_bytes(checkpoint)
 
 
 def test_other_files_are_refused(folder: Path) -> None:

@@ -121,7 +121,7 @@ def test_back_and_there(folder: Path, algorithm: str, optimizer: bool) -> None:
 
 def test_a_model_that_never_trained_has_no_optimiser_state(folder: Path) -> None:
     checkpoint = import_zip(saved(trained("dqn", steps=0), folder / "a.zip"))
-    assert checkpoint.adam_step == 0 and checkpoint.counters == {"target_calls": 0}
+    assert checkpoint.adam_step == 0 and checkpoint.counters == {"updates": 0, "target_calls": 0}
     assert not any(name.startswith("exp_avg") for name in checkpoint.tensors)
 
 
@@ -252,7 +252,10 @@ def test_the_original_models(folder: Path, name: str, returns: dict) -> None:
     model = CLASSES[name[:3]].load(original)
     assert exhaustive(model) == returns[name]
     checkpoint = read(SB3_FIXTURES / f"{name}.safetensors")
-    assert_equal(import_zip(original, level="0"), checkpoint)
+    imported = import_zip(original, level="0")
+    assert imported.counters["updates"] == model._n_updates
+    imported.counters = checkpoint.counters  # the fixture is older than the count of updates
+    assert_equal(imported, checkpoint)
     export_zip(checkpoint, folder / "a.zip")
     assert_same_parameters(model, CLASSES[name[:3]].load(folder / "a.zip"))
     observations = every_observation(read_map("0"))

@@ -5,8 +5,9 @@ Tensors are float32 and C-contiguous. Layer ``i`` of a tower is ``{tower}.{i}.we
 ``value``; DQN has ``q`` and its target network ``target/q``. Adam's moments carry the same names behind ``exp_avg/``
 and ``exp_avg_sq/`` (all of them or none; a target network has none).
 
-``__metadata__`` has one key, ``cpp-rl``: a compact JSON object with the fields of :class:`Checkpoint`, led by
-``crc32``, the checksum of the whole file with its own eight digits set to ``00000000``.
+``__metadata__`` has one key, ``cpp-rl``: a compact JSON object with the fields of :class:`Checkpoint`. Its first field
+is ``crc32``: the checksum of the whole file while those eight digits are ``00000000``. docs/checkpoints.md has the
+format in full.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ import numpy as np
 
 FORMAT = 1
 TOWERS: dict[str, tuple[str, ...]] = {"ppo": ("policy", "value"), "dqn": ("q",)}
-COUNTERS: dict[str, tuple[str, ...]] = {"ppo": (), "dqn": ("target_calls",)}
+COUNTERS = ("updates", "target_calls")
+OPTIONAL = ("norm", "extra")  # fields of the header that a file may lack
 CHANNELS = 4
 
 _CRC_MARK = rb"\"crc32\":\""
@@ -42,8 +44,12 @@ class Checkpoint:
 
     ``tensors`` maps the names of the module's documentation to float32 arrays. ``towers`` maps each tower to its layer
     sizes, e.g. ``{"q": (256, 64, 64, 4)}``; the first is ``4 * height * width``. ``adam_step`` is 0 when there is no
-    optimiser state. ``counters`` is ``{"target_calls": n}`` for DQN (environment steps that time the copying of the
-    target network) and empty for PPO.
+    optimiser state. ``counters`` may have ``updates`` (epochs of PPO, gradient steps of DQN) and ``target_calls``
+    (environment steps that time the copies into DQN's target network); a missing one is 0.
+
+    ``norm`` and ``extra`` are optional fields of the header, None where the file has none. They are kept as they stand.
+    ``norm`` says that layers are normalised, which :meth:`forward` does not compute. Tensors beside those of the
+    networks and of Adam are kept too; names with ``/`` belong to what wrote them.
     """
 
     algorithm: Literal["ppo", "dqn"]
@@ -59,6 +65,8 @@ class Checkpoint:
     level: str | None = None
     source: str = ""
     counters: dict[str, int] = field(default_factory=dict)
+    norm: Any = None
+    extra: Any = None
 
     def parameters(self) -> Iterator[tuple[str, tuple[int, ...]]]:
         """Name and shape of every trained tensor, tower by tower, weight before bias."""
@@ -68,7 +76,12 @@ class Checkpoint:
                 yield f"{tower}.{i}.bias", (outputs,)
 
     def forward(self, tower: str, observations: np.ndarray) -> np.ndarray:
-        """Outputs ``[B, out]`` of a tower, or of DQN's ``target/q``, on observations ``[B, 4, H, W]``."""
+        """Outputs ``[B, out]`` of a tower, or of DQN's ``target/q``, on observations ``[B, 4, H, W]``.
+
+        Raises ValueError for networks whose layers are normalised.
+        """
+        if self.norm is not None:
+            raise ValueError(f"the layers of this network are normalised ({self.norm!r}), which is not computed here")
         x = np.asarray(observations, np.float32).reshape(len(observations), -1)
         last = len(self.towers[tower.removeprefix("target/")]) - 2
         for i in range(last + 1):
@@ -90,15 +103,18 @@ class Checkpoint:
                 return f"tower {tower} has the sizes {list(sizes)}"
             if sizes[0] != CHANNELS * self.height * self.width:
                 return f"tower {tower} takes {sizes[0]} inputs, not 4 x {self.height} x {self.width}"
-        if tuple(self.counters) != COUNTERS[self.algorithm]:
-            return f"{self.algorithm} has the counters {COUNTERS[self.algorithm]}, not {tuple(self.counters)}"
+        for name, count in self.counters.items():
+            if name not in COUNTERS:
+                return f"counter {name!r} is not one of {', '.join(COUNTERS)}"
+            if isinstance(count, bool) or not isinstance(count, int) or count < 0:
+                return f"counter {name} is {count!r}, not a whole number from 0"
         return self._tensor_fault()
 
     def _tensor_fault(self) -> str | None:
         expected = dict(self.parameters())
         if self.algorithm == "dqn":
             expected |= {f"target/{name}": shape for name, shape in self.parameters()}
-        if any(name.startswith("exp_avg") for name in self.tensors):
+        if any(name.startswith(("exp_avg/", "exp_avg_sq/")) for name in self.tensors):
             if self.adam_step < 1:
                 return "it has optimiser state but adam_step 0"
             expected |= {f"{m}/{name}": shape for m in ("exp_avg", "exp_avg_sq") for name, shape in self.parameters()}
@@ -106,8 +122,12 @@ class Checkpoint:
             return f"adam_step is {self.adam_step} but there is no optimiser state"
         if missing := sorted(expected.keys() - self.tensors.keys()):
             return f"it lacks the tensors {', '.join(missing)}"
-        if unknown := sorted(self.tensors.keys() - expected.keys()):
-            return f"it has unknown tensors {', '.join(unknown)}"
+        if self.norm is None:
+            # Tensors that later versions add have prefixes of their own. Under these prefixes nothing else may stand.
+            prefixes = ("", "exp_avg", "exp_avg_sq", "target")
+            found = {name for name in self.tensors if name.rpartition("/")[0] in prefixes}
+            if unknown := sorted(found - expected.keys()):
+                return f"it has unknown tensors {', '.join(unknown)}"
         for name, shape in expected.items():
             tensor = self.tensors[name]
             if tensor.dtype != np.float32 or tensor.shape != shape:
@@ -137,6 +157,7 @@ def to_bytes(checkpoint: Checkpoint) -> bytes:
         "source": c.source,
         "counters": c.counters,
     }
+    document |= {name: getattr(c, name) for name in OPTIONAL if getattr(c, name) is not None}
     text = json.dumps(document, separators=(",", ":"), ensure_ascii=False)
     tensors = {name: np.ascontiguousarray(tensor) for name, tensor in c.tensors.items()}
     raw: bytes = _safetensors().save(tensors, metadata={"cpp-rl": text})
@@ -156,16 +177,16 @@ def from_bytes(raw: bytes, name: str | Path) -> Checkpoint:
     at = _digits_at(raw)
     if at is None:
         raise fail("the header has no checksum where one belongs; the file is damaged, copy or write it again")
-    found, wanted = zlib.crc32(raw[:at] + _ZEROS + raw[at + 8 :]), raw[at : at + 8].decode("ascii", "replace")
-    if f"{found:08x}" != wanted:
-        raise fail(f"checksum is {found:08x} where the file says {wanted}; it is damaged, copy or write it again")
+    crc, wanted = zlib.crc32(raw[:at] + _ZEROS + raw[at + 8 :]), raw[at : at + 8].decode("ascii", "replace")
+    if f"{crc:08x}" != wanted:
+        raise fail(f"checksum is {crc:08x} where the file says {wanted}; it is damaged, copy or write it again")
     if document.get("kind") != "stage":
         raise fail(f"a checkpoint of kind {document.get('kind')!r}; pass a run's checkpoints/stage-<k>.safetensors")
-    names = {entry.name for entry in fields(Checkpoint)} - {"tensors"}
-    if (found_names := set(document) - {"crc32", "format", "kind"}) != names:
-        odd = ", ".join(sorted(found_names ^ names))
-        raise fail(f"its metadata has missing or unknown keys: {odd}; write it again with a matching cpp-rl")
-    values = {name: document[name] for name in names}
+    names, found = {entry.name for entry in fields(Checkpoint)} - {"tensors"}, set(document)
+    if odd := (found - names - {"crc32", "format", "kind"}) | (names - set(OPTIONAL) - found):
+        keys = ", ".join(sorted(odd))
+        raise fail(f"its metadata has missing or unknown keys: {keys}; write it again with a matching cpp-rl")
+    values = {name: document[name] for name in names & found}
     try:
         values["towers"] = {tower: tuple(sizes) for tower, sizes in values["towers"].items()}
         checkpoint = Checkpoint(tensors=_safetensors().load(raw), **values)

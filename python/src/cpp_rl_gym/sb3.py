@@ -139,7 +139,7 @@ def import_zip(
         stage=stage,
         level=level,
         source=f"stable-baselines3 {version}",
-        counters={"target_calls": int(data.get("_n_calls") or 0)} if algorithm == "dqn" else {},
+        counters={"updates": int(data.get("_n_updates") or 0), "target_calls": int(data.get("_n_calls") or 0)},
     )
     if fault := checkpoint.fault():
         raise fail(f"its tensors do not fit together: {fault}")
@@ -284,10 +284,9 @@ def export_model(checkpoint: Checkpoint, *, l2: bool = False) -> Any:
     weights = {theirs: c.tensors[ours] for ours, theirs in names}
     if c.algorithm == "dqn":
         weights |= {theirs.replace("q_net.", "q_net_target.", 1): c.tensors[f"target/{ours}"] for ours, theirs in names}
-        model._n_calls, model._n_updates = c.counters["target_calls"], c.adam_step
+        model._n_calls = c.counters.get("target_calls", 0)
         model.exploration_rate = model.exploration_final_eps
-    else:  # Stable-Baselines3 counts epochs
-        model._n_updates = c.adam_step // (model.n_steps // model.batch_size)
+    model._n_updates = c.counters.get("updates", 0)
     model.num_timesteps = c.num_timesteps
     model.policy.load_state_dict({name: torch.from_numpy(_transposed(tensor)) for name, tensor in weights.items()})
     if c.adam_step:
