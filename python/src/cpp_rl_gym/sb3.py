@@ -3,18 +3,20 @@
     python -m cpp_rl_gym.sb3 import MODEL.zip OUT.safetensors
     python -m cpp_rl_gym.sb3 export CHECKPOINT OUT.zip
 
-PPO and DQN with ``MlpPolicy`` on a flattened ``[4, H, W]`` observation, optimiser state included. Importing unpickles
-nothing (torch's weights-only loader, and the JSON beside it), and needs torch and safetensors; exporting needs
-stable-baselines3 as well. The names follow Stable-Baselines3's ``common/policies.py`` and ``dqn/policies.py``.
+PPO and DQN with ``MlpPolicy`` on a flattened ``[4, H, W]`` observation, optimiser state included. Both ways need
+safetensors; neither needs Stable-Baselines3 or PyTorch, and importing runs no code of the zip. The names follow
+Stable-Baselines3's ``common/policies.py``, ``dqn/policies.py`` and ``common/save_util.py``.
 """
 
 from __future__ import annotations
 
 import argparse
+import base64
 import importlib
 import io
 import json
 import math
+import pickle
 import sys
 import zipfile
 from collections.abc import Sequence
@@ -23,6 +25,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from cpp_rl_gym import pth
 from cpp_rl_gym.checkpoint import (
     CHANNELS,
     Checkpoint,
@@ -37,9 +40,10 @@ from cpp_rl_gym.checkpoint import (
 Algorithm = Literal["ppo", "dqn"]
 Activation = Literal["tanh", "relu"]
 
-# The study's hyper-parameters; they are not part of a checkpoint, so an exported model carries these.
+# The paper's hyper-parameters; they are not part of a checkpoint, so an exported model carries these.
+LEARNING_RATE = 1e-4
 PPO_ARGUMENTS = {
-    "learning_rate": 1e-4,
+    "learning_rate": LEARNING_RATE,
     "n_steps": 2048,
     "batch_size": 64,
     "n_epochs": 10,
@@ -51,7 +55,7 @@ PPO_ARGUMENTS = {
     "max_grad_norm": 0.5,
 }
 DQN_ARGUMENTS = {
-    "learning_rate": 1e-4,
+    "learning_rate": LEARNING_RATE,
     "buffer_size": 100_000,
     "learning_starts": 100,
     "batch_size": 32,
@@ -63,6 +67,12 @@ DQN_ARGUMENTS = {
     "exploration_initial_eps": 1.0,
     "exploration_final_eps": 0.05,
     "max_grad_norm": 10,
+}
+L2_OPTIMIZER = {"weight_decay": 1e-4, "eps": 1e-8}  # of AdamW, for the paper's PPO with L2
+DEFAULT_EPS = {"ppo": 1e-5, "dqn": 1e-8}  # Adam's eps in Stable-Baselines3's policies
+POLICY = {
+    "ppo": ("stable_baselines3.common.policies", "ActorCriticPolicy"),
+    "dqn": ("stable_baselines3.dqn.policies", "DQNPolicy"),
 }
 DEFAULT_ACTIVATION: dict[Algorithm, Activation] = {"ppo": "tanh", "dqn": "relu"}
 
@@ -115,7 +125,7 @@ def import_zip(
         raise fail(f"its policy lacks {', '.join(missing)}; only MlpPolicy with separate towers can be imported")
     if unknown := sorted(params.keys() - set(wanted.values())):
         raise fail(f"its policy has tensors that an MlpPolicy has not: {', '.join(unknown)}; it cannot be imported")
-    tensors = {ours: _transposed(params[theirs].numpy()) for ours, theirs in wanted.items()}
+    tensors = {ours: _transposed(params[theirs]) for ours, theirs in wanted.items()}
 
     towers = {}
     for tower, count in layers.items():
@@ -148,10 +158,9 @@ def import_zip(
 
 def _open_zip(path: str | Path, fail: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any] | None, str]:
     """The JSON of constructor arguments, the policy's and the optimiser's state, and the writer's version."""
-    torch = _require("torch")
 
     def load(name: str) -> dict[str, Any]:
-        state: dict[str, Any] = torch.load(io.BytesIO(archive.read(name)), map_location="cpu", weights_only=True)
+        state: dict[str, Any] = pth.load(archive.read(name))
         return state
 
     try:
@@ -169,7 +178,7 @@ def _open_zip(path: str | Path, fail: Any) -> tuple[dict[str, Any], dict[str, An
         raise fail(f"cannot be read ({error.strerror})") from error
     except zipfile.BadZipFile as error:
         raise fail(f"not a Stable-Baselines3 model, or damaged ({error}); copy or save it again") from error
-    except Exception as error:  # zlib's, pickle's and torch's errors have no common base
+    except Exception as error:  # zlib's and pickle's errors have no common base
         raise fail(f"damaged ({type(error).__name__}: {error}); copy or save it again") from error
     return data, params, moments, version
 
@@ -240,7 +249,7 @@ def _import_moments(tensors: dict[str, np.ndarray], names: Names, moments: dict[
             raise fail(f"its optimiser is not Adam or AdamW (state of {ours}: {sorted(entry or {})}); {remedy}")
         steps.add(int(entry["step"]))
         for moment in ("exp_avg", "exp_avg_sq"):
-            tensors[f"{moment}/{ours}"] = _transposed(entry[moment].numpy())
+            tensors[f"{moment}/{ours}"] = _transposed(entry[moment])
     if len(steps) != 1:
         raise fail(f"its tensors were updated different numbers of times ({sorted(steps)}); {remedy}")
     return steps.pop()
@@ -254,57 +263,93 @@ def _transposed(tensor: np.ndarray) -> np.ndarray:
 # -------------------- export
 
 
-def export_model(checkpoint: Checkpoint, *, l2: bool = False) -> Any:
-    """Builds the Stable-Baselines3 model of a checkpoint, with the study's hyper-parameters.
+def export_zip(checkpoint: Checkpoint, path: str | Path, *, l2: bool = False, force: bool = False) -> None:
+    """Writes a checkpoint as a zip that ``PPO.load`` or ``DQN.load`` reads, with the paper's hyper-parameters.
 
-    ``l2`` chooses the optimiser of the study's PPO with L2 (AdamW, weight decay 1e-4, eps 1e-8) instead of the
+    ``l2`` chooses the optimiser of the paper's PPO with L2 (AdamW, weight decay 1e-4, eps 1e-8) instead of the
     algorithm's default Adam; a checkpoint does not say which it was trained with.
     """
-    torch, gymnasium, sb3 = _require("torch"), _require("gymnasium"), _require("stable_baselines3")
-    c = checkpoint
-    towers = {tower: list(sizes[1:-1]) for tower, sizes in c.towers.items()}
+    write_aside(path, _to_zip(checkpoint, l2=l2), force=force)
+
+
+def export_model(checkpoint: Checkpoint, *, l2: bool = False) -> Any:
+    """The Stable-Baselines3 model of a checkpoint, as :func:`export_zip` writes it; needs stable-baselines3."""
+    sb3 = _require("stable_baselines3")
+    return {"ppo": sb3.PPO, "dqn": sb3.DQN}[checkpoint.algorithm].load(
+        io.BytesIO(_to_zip(checkpoint, l2=l2)), device="cpu"
+    )
+
+
+def _to_zip(c: Checkpoint, *, l2: bool) -> bytes:
+    """The bytes of the zip: constructor arguments, the policy's and the optimiser's state."""
+    if fault := c.fault():
+        raise ValueError(f"not a valid checkpoint: {fault}")
+    if c.norm is not None:
+        raise CheckpointError(f"its layers are normalised ({c.norm!r}), which an MlpPolicy cannot express")
+    names = parameter_names(c.algorithm, {tower: len(sizes) - 1 for tower, sizes in c.towers.items()})
+    policy = {theirs: _transposed(c.tensors[ours]) for ours, theirs in names}
+    if c.algorithm == "dqn":
+        copies = ((f"target/{ours}", theirs.replace("q_net.", "q_net_target.", 1)) for ours, theirs in names)
+        policy |= {theirs: _transposed(c.tensors[ours]) for ours, theirs in copies}
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        archive.writestr("data", json.dumps(_arguments(c, l2=l2), indent=4))
+        archive.writestr("policy.pth", pth.save(policy))
+        archive.writestr("policy.optimizer.pth", pth.save(_optimizer(c, names, l2=l2)))
+    return buffer.getvalue()
+
+
+def _arguments(c: Checkpoint, *, l2: bool) -> dict[str, Any]:
+    """The attributes of the model that are not tensors."""
+    gymnasium = _require("gymnasium")
+    hidden = {tower: list(sizes[1:-1]) for tower, sizes in c.towers.items()}
+    activation = {"tanh": "Tanh", "relu": "ReLU"}[c.activation]
     policy_kwargs: dict[str, Any] = {
-        "net_arch": towers["q"] if c.algorithm == "dqn" else {"pi": towers["policy"], "vf": towers["value"]},
-        "activation_fn": {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}[c.activation],
+        "net_arch": hidden["q"] if c.algorithm == "dqn" else {"pi": hidden["policy"], "vf": hidden["value"]},
+        "activation_fn": pth.Name("torch.nn.modules.activation", activation),
     }
     if l2:
-        policy_kwargs |= {"optimizer_class": torch.optim.AdamW, "optimizer_kwargs": {"weight_decay": 1e-4, "eps": 1e-8}}
-
-    class Spaces(gymnasium.Env):  # type: ignore[misc, name-defined]
-        """What a model needs of an environment before it is given a real one."""
-
-        observation_space = gymnasium.spaces.Box(0.0, 1.0, (CHANNELS, c.height, c.width), np.float32)
-        action_space = gymnasium.spaces.Discrete(next(iter(c.towers.values()))[-1])
-
-    seed = c.seed if c.seed is not None and c.seed < 2**32 else None  # NumPy's legacy generator takes 32 bits
-    make, arguments = {"ppo": (sb3.PPO, PPO_ARGUMENTS), "dqn": (sb3.DQN, DQN_ARGUMENTS)}[c.algorithm]
-    model = make("MlpPolicy", Spaces(), policy_kwargs=policy_kwargs, seed=seed, device="cpu", **arguments)
-
-    names = parameter_names(c.algorithm, {tower: len(sizes) - 1 for tower, sizes in c.towers.items()})
-    weights = {theirs: c.tensors[ours] for ours, theirs in names}
-    if c.algorithm == "dqn":
-        weights |= {theirs.replace("q_net.", "q_net_target.", 1): c.tensors[f"target/{ours}"] for ours, theirs in names}
-        model._n_calls = c.counters.get("target_calls", 0)
-        model.exploration_rate = model.exploration_final_eps
-    model._n_updates = c.counters.get("updates", 0)
-    model.num_timesteps = c.num_timesteps
-    model.policy.load_state_dict({name: torch.from_numpy(_transposed(tensor)) for name, tensor in weights.items()})
-    if c.adam_step:
-        state = model.policy.optimizer.state_dict()
-        state["state"] = {
-            i: {"step": torch.tensor(float(c.adam_step))}
-            | {m: torch.from_numpy(_transposed(c.tensors[f"{m}/{ours}"])) for m in ("exp_avg", "exp_avg_sq")}
-            for i, (ours, _) in enumerate(names)
-        }
-        model.policy.optimizer.load_state_dict(state)
-    return model
+        policy_kwargs["optimizer_class"] = pth.Name("torch.optim.adamw", "AdamW")
+        policy_kwargs["optimizer_kwargs"] = {"weight_decay": L2_OPTIMIZER["weight_decay"], "eps": L2_OPTIMIZER["eps"]}
+    observations = gymnasium.spaces.Box(0.0, 1.0, (CHANNELS, c.height, c.width), np.float32)
+    actions = gymnasium.spaces.Discrete(next(iter(c.towers.values()))[-1])
+    printed = {"activation_fn": f"<class 'torch.nn.modules.activation.{activation}'>"}
+    shape = {"_shape": [CHANNELS, c.height, c.width], "dtype": "float32"}
+    model = {
+        "policy_class": _serialized(pth.dumps(pth.Name(*POLICY[c.algorithm])), {}),
+        "policy_kwargs": _serialized(pth.dumps(policy_kwargs), {"net_arch": policy_kwargs["net_arch"], **printed}),
+        "observation_space": _serialized(pickle.dumps(observations), shape),
+        "action_space": _serialized(pickle.dumps(actions), {}),
+        "n_envs": 1,
+        "verbose": 0,
+        "num_timesteps": c.num_timesteps,
+        "seed": c.seed if c.seed is not None and c.seed < 2**32 else None,  # NumPy's legacy generator takes 32 bits
+        "_n_updates": c.counters.get("updates", 0),
+    }
+    if c.algorithm == "ppo":
+        return model | PPO_ARGUMENTS
+    clock = {"_n_calls": c.counters.get("target_calls", 0), "exploration_rate": DQN_ARGUMENTS["exploration_final_eps"]}
+    return model | clock | DQN_ARGUMENTS
 
 
-def export_zip(checkpoint: Checkpoint, path: str | Path, *, l2: bool = False, force: bool = False) -> None:
-    """Writes a checkpoint as a zip that ``PPO.load`` or ``DQN.load`` reads."""
-    buffer = io.BytesIO()
-    export_model(checkpoint, l2=l2).save(buffer)
-    write_aside(path, buffer.getvalue(), force=force)
+def _serialized(pickled: bytes, shown: dict[str, Any]) -> dict[str, Any]:
+    """A pickled attribute as Stable-Baselines3 keeps it in JSON; ``shown`` can be read without unpickling."""
+    return {":serialized:": base64.b64encode(pickled).decode(), **shown}
+
+
+def _optimizer(c: Checkpoint, names: Names, *, l2: bool) -> dict[str, Any]:
+    """The state of torch's Adam or AdamW, its parameters numbered in the order of ``names``."""
+    settings = L2_OPTIMIZER if l2 else {"weight_decay": 0, "eps": DEFAULT_EPS[c.algorithm]}
+    flags = {"amsgrad": False, "maximize": False, "foreach": None, "capturable": False, "differentiable": False}
+    group: dict[str, Any] = {"lr": LEARNING_RATE, "betas": (0.9, 0.999), **settings, **flags, "fused": None}
+    group |= {"decoupled_weight_decay": l2, "params": list(range(len(names)))}
+
+    def entry(ours: str) -> dict[str, Any]:
+        step = np.array(c.adam_step, np.float32)
+        return {"step": step} | {m: _transposed(c.tensors[f"{m}/{ours}"]) for m in ("exp_avg", "exp_avg_sq")}
+
+    state = {i: entry(ours) for i, (ours, _) in enumerate(names)} if c.adam_step else {}
+    return {"state": state, "param_groups": [group]}
 
 
 def _require(package: str) -> Any:
@@ -332,7 +377,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     give = commands.add_parser("export", help="a checkpoint to a Stable-Baselines3 zip")
     give.add_argument("input", metavar="CHECKPOINT", type=Path)
     give.add_argument("output", metavar="OUT.zip", type=Path)
-    give.add_argument("--l2", action="store_true", help="optimiser of the study's PPO with L2 (AdamW) instead of Adam")
+    give.add_argument("--l2", action="store_true", help="optimiser of the paper's PPO with L2 (AdamW) instead of Adam")
     for command in (take, give):
         command.add_argument("--force", action="store_true", help="replace an existing output")
     options = parser.parse_args(argv)
