@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
 import cpp_rl_gym
+from oracle import REPOSITORY
 
 LEVELS = range(5)
 DOWN, UP, RIGHT, LEFT = range(4)
@@ -42,3 +47,14 @@ def random_maps(count: int, *, seed: int = 0) -> list[list[str]]:
 def assert_same(left: Any, right: Any) -> None:
     """The same values, types and shapes, all the way down."""
     assert data_equivalence(left, right, exact=True), f"{left}\n--- differs from ---\n{right}"
+
+
+def cpp_rl(*arguments: str | Path) -> str:
+    """What the binary prints: that of the variable CPP_RL, or the repository's own release build."""
+    target = REPOSITORY / os.environ.get("CARGO_TARGET_DIR", "target")
+    binary = Path(os.environ.get("CPP_RL") or target / "release" / "cpp-rl")
+    if not binary.is_file():
+        pytest.fail(f"{binary} is missing; build it with `cargo build --release --bin cpp-rl`, or set CPP_RL to it")
+    done = subprocess.run([binary, *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout

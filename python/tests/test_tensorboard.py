@@ -8,13 +8,13 @@ from __future__ import annotations
 import csv
 import math
 import struct
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from oracle import REPOSITORY
+from support import cpp_rl
 
 pytest.importorskip("tensorboard", reason="its reader is what is tested with")
 
@@ -160,12 +160,8 @@ def test_every_record_is_an_end(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("algorithm", ["ppo", "dqn"])
 def test_a_run_is_read(algorithm: str, tmp_path: Path) -> None:
-    """What cpp-rl itself writes while it trains, interrupted by nothing: every column of its logs, and distributions."""
-    binary = REPOSITORY / "target" / "release" / "cpp-rl"
-    if not binary.exists():
-        pytest.skip("cpp-rl is not built here: cargo build --release")
-    command = [binary, "-q", "train", "--algo", algorithm, "--level", "0", "--timesteps", "6144", "--out", tmp_path]
-    subprocess.run([str(word) for word in command], check=True, stdout=subprocess.DEVNULL)
+    """What cpp-rl itself writes while it trains, interrupted by nothing: every column of its logs, and histograms."""
+    cpp_rl("-q", "train", "--algo", algorithm, "--level", "0", "--timesteps", "6144", "--out", tmp_path)
     run = tmp_path / algorithm / "level-0" / "seed-0"
     [path] = (run / "tb").iterdir()
     events = read(path)
