@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use chacha20::ChaCha8Rng;
 use chacha20::rand_core::SeedableRng;
-use coverage_env::{Action, CellSet, CoverageEnv, State, Step};
+use coverage_env::{Action, CellSet, CoverageEnv, Observation, State, Step};
 use pyo3::prelude::*;
 
 use crate::error::value_error;
@@ -72,6 +72,12 @@ impl Runner {
         let env = CoverageEnv::new(source.first(), max_steps);
         let rng = Stream::from_seed(0);
         Runner { source, env, rng, phase: Phase::New, timesteps: 0, path: records_path.then(Vec::new) }
+    }
+
+    /// What the agent sees.
+    #[inline]
+    pub(crate) fn observation(&self) -> Observation<'_> {
+        Observation::new(self.env.level(), self.env.state())
     }
 
     pub(crate) fn env(&self) -> &CoverageEnv {
@@ -185,7 +191,7 @@ impl Runner {
         }
         let phase = match was_reset {
             false => Phase::New,
-            true if remaining == 0 || steps >= max_steps => Phase::Over,
+            true if env.state().is_over(max_steps) => Phase::Over,
             true => Phase::Running,
         };
         Ok(Runner { source, env, rng: Stream(ChaCha8Rng::deserialize_state(&rng)), phase, timesteps, path })

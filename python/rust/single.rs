@@ -135,7 +135,7 @@ impl Env {
     }
 
     fn observation<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        self.runner.env().observation().write(&mut self.scratch);
+        self.runner.observation().write(&mut self.scratch);
         let array = PyArray1::from_slice(py, &self.scratch);
         if self.grid {
             let level = self.runner.env().level();

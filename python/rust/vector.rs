@@ -137,7 +137,7 @@ impl VectorEnv {
         let mut infos = Infos::new(count);
         py.detach(|| {
             for ((index, runner), out) in self.runners.iter().enumerate().zip(chunks(out, &self.runners)) {
-                runner.env().observation().write(out);
+                runner.observation().write(out);
                 if mask[index] {
                     infos.set(index, runner.info());
                 }
@@ -380,13 +380,13 @@ fn step_all(runners: &mut [Runner], autoreset: Autoreset, actions: &[Action], ba
             batch.truncated[index] = step.truncated;
             if step.is_done() && autoreset == Autoreset::SameStep {
                 let mut observation = vec![0.0; length];
-                runner.env().observation().write(&mut observation);
+                runner.observation().write(&mut observation);
                 report.finals.push(Final { index, observation, info: runner.info() });
                 runner.reset();
                 report.was_reset[index] = true;
             }
         }
-        runner.env().observation().write(out);
+        runner.observation().write(out);
         report.infos.set(index, runner.info());
     }
 }

@@ -1,17 +1,20 @@
-//! The rules: [`State`], [`CoverageEnv`], rewards and ends of episodes.
+//! The rules, stated once: what a step does and earns, and when an episode ends; and [`CoverageEnv`], which plays by
+//! them.
+//!
+//! The paper is "Reinforcement Learning and Loss of Plasticity Phenomenon in Coverage Path Planning Environments: An
+//! Exploratory Study".
 
 use std::sync::Arc;
 
 use rand::Rng;
-use serde::{Deserialize, Serialize};
 
 use crate::action::Action;
 use crate::cell_set::CellSet;
-use crate::level::{Cell, Level};
-use crate::observation::Observation;
+use crate::level::Level;
 use crate::random;
+use crate::state::{StartError, State, StateError};
 
-/// The study's step limit of an episode.
+/// The paper's step limit of an episode.
 pub const MAX_STEPS: u32 = 200;
 
 /// The reward of a step that visits no new target.
@@ -20,19 +23,6 @@ pub const STEP_REWARD: i32 = -1;
 pub const TARGET_REWARD: i32 = 2;
 /// What the step to the last target earns beyond [`TARGET_REWARD`].
 pub const COMPLETION_REWARD: i32 = 30;
-
-/// Everything that changes during an episode.
-#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct State {
-    /// The cell that the agent is on.
-    pub agent: u16,
-    /// The cells that it has been on, the start included.
-    pub visited: CellSet,
-    /// How many targets it has not visited yet.
-    pub remaining: u32,
-    /// How many steps it has made.
-    pub steps: u32,
-}
 
 /// What one step brought.
 ///
@@ -55,72 +45,67 @@ impl Step {
     }
 }
 
-/// A cell where no episode can start.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum StartError {
-    /// The cell is not on the map.
-    #[error("start cell {start} lies outside the map of {cells} cells (0 to {})", .cells - 1)]
-    Outside {
-        /// The cell asked for.
-        start: usize,
-        /// The number of cells on the map.
-        cells: usize,
-    },
-    /// The cell is a wall.
-    #[error("start cell {start} is a wall; start on a free cell")]
-    Wall {
-        /// The cell asked for.
-        start: usize,
-    },
-    /// The cell is a target.
-    #[error("start cell {start} is a target; start on a free cell")]
-    Target {
-        /// The cell asked for.
-        start: usize,
-    },
+/// What a step did, as far as it is paid.
+#[derive(Clone, Copy)]
+enum Gain {
+    /// It visited no new target.
+    Nothing,
+    /// It visited a new target, and others are left.
+    Target,
+    /// It visited the last target.
+    LastTarget,
 }
 
-/// A state that no episode on this level can be in, as read from a damaged or foreign file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("not a state of the level: {0}")]
-pub struct StateError(&'static str);
-
-impl StateError {
-    pub(crate) const COUNT: StateError = StateError("the numbers of states and of random generators differ");
-    pub(crate) const OVER: StateError = StateError("its episode is over");
+/// What a step earns. All returns are sums of this.
+#[inline]
+const fn reward(gain: Gain) -> i32 {
+    match gain {
+        Gain::Nothing => STEP_REWARD,
+        Gain::Target => TARGET_REWARD,
+        Gain::LastTarget => TARGET_REWARD + COMPLETION_REWARD,
+    }
 }
 
+/// The return of `steps` steps of which `visited` went to new targets, the last one if `solved`.
+pub(crate) fn episode_return(steps: u32, visited: u32, solved: bool) -> i64 {
+    let (steps, visited, last) = (i64::from(steps), i64::from(visited), i64::from(solved));
+    let counts = [(Gain::Nothing, steps - visited), (Gain::Target, visited - last), (Gain::LastTarget, last)];
+    counts.into_iter().map(|(gain, count)| i64::from(reward(gain)) * count).sum()
+}
+
+/// The lowest return of an episode of at most `max_steps` steps: all of them, and no target.
+pub fn worst_return(max_steps: u32) -> i64 {
+    const { assert!(STEP_REWARD < 0 && TARGET_REWARD >= STEP_REWARD && COMPLETION_REWARD >= 0) };
+    episode_return(step_limit(max_steps), 0, false)
+}
+
+/// An episode has at least one step: a `max_steps` of 0 means 1.
+#[inline]
+pub(crate) fn step_limit(max_steps: u32) -> u32 {
+    max_steps.max(1)
+}
+
+/// The rules: when an episode ends, and what a step does.
 impl State {
-    /// The state at the beginning of an episode.
-    ///
-    /// # Errors
-    /// [`StartError`] if `start` is a wall, a target, or outside the map.
-    pub fn at_start(level: &Level, start: usize) -> Result<State, StartError> {
-        match level.cells().get(start) {
-            None => Err(StartError::Outside { start, cells: level.len() }),
-            Some(Cell::Wall) => Err(StartError::Wall { start }),
-            Some(Cell::Target) => Err(StartError::Target { start }),
-            Some(Cell::Free) => {
-                let visited = CellSet::new(level.len());
-                let mut state = State { agent: 0, visited, remaining: 0, steps: 0 };
-                state.restart(level, start);
-                Ok(state)
-            }
-        }
-    }
-
-    /// Begins a new episode in place. `start` must be a start of `level`, and the state one of it.
+    /// Whether every target is visited: the episode is *terminated*.
     #[inline]
-    pub(crate) fn restart(&mut self, level: &Level, start: usize) {
-        debug_assert!(level.is_start(start));
-        self.agent = start as u16;
-        self.visited.clear();
-        self.visited.insert(start);
-        self.remaining = level.targets().len() as u32;
-        self.steps = 0;
+    pub fn is_solved(&self) -> bool {
+        self.remaining == 0
     }
 
-    /// Moves the agent and says what that brought: the rules of the environment.
+    /// Whether the step limit is reached: the episode is *truncated*, unless it is terminated.
+    #[inline]
+    pub fn is_at_limit(&self, max_steps: u32) -> bool {
+        self.steps >= step_limit(max_steps)
+    }
+
+    /// Whether the episode is over, for either reason.
+    #[inline]
+    pub fn is_over(&self, max_steps: u32) -> bool {
+        self.is_solved() || self.is_at_limit(max_steps)
+    }
+
+    /// Moves the agent and says what that brought.
     ///
     /// The state must be one of `level`. After the end of an episode the same rules go on:
     /// −1 per step, the flags staying set.
@@ -131,15 +116,12 @@ impl State {
         self.agent = cell as u16;
         self.steps = self.steps.saturating_add(1);
 
-        let mut reward = STEP_REWARD;
+        let mut gain = Gain::Nothing;
         if is_new && level.is_target(cell) {
             self.remaining -= 1;
-            reward = TARGET_REWARD;
-            if self.remaining == 0 {
-                reward += COMPLETION_REWARD;
-            }
+            gain = if self.is_solved() { Gain::LastTarget } else { Gain::Target };
         }
-        Step { reward: reward as f32, terminated: self.remaining == 0, truncated: self.steps >= max_steps }
+        Step { reward: reward(gain) as f32, terminated: self.is_solved(), truncated: self.is_at_limit(max_steps) }
     }
 
     /// The sum of the rewards since the start, up to and including the end of the episode.
@@ -147,43 +129,7 @@ impl State {
     /// No one has to keep count: an episode's steps and targets tell it.
     pub fn return_so_far(&self, level: &Level) -> i64 {
         let visited = level.targets().len() as u32 - self.remaining;
-        episode_return(self.steps, visited, self.remaining == 0)
-    }
-
-    /// Checks that this can be a state of an episode on `level` of at most `max_steps` steps.
-    ///
-    /// # Errors
-    /// [`StateError`] says which rule is broken.
-    pub fn check(&self, level: &Level, max_steps: u32) -> Result<(), StateError> {
-        let agent = usize::from(self.agent);
-        let words = self.visited.words();
-        let (open, targets) = (level.open_cells().words(), level.target_cells().words());
-        let outside = |(word, open): (&u64, &u64)| word & !open != 0;
-        let free = |(word, target): (&u64, &u64)| word & !target != 0;
-        let unvisited = |(word, target): (&u64, &u64)| (target & !word).count_ones();
-        let rules = [
-            (agent < level.len(), "the agent is outside the map"),
-            (words.len() == open.len(), "its visited cells belong to a map of another size"),
-            (!words.iter().zip(open).any(outside), "a visited cell is a wall or outside the map"),
-            (
-                words.get(agent / 64).is_some_and(|word| word >> (agent % 64) & 1 == 1),
-                "the agent's own cell is not visited",
-            ),
-            (words.iter().zip(targets).any(free), "no cell is visited that it can have started on"),
-            (
-                words.iter().zip(targets).map(unvisited).sum::<u32>() == self.remaining,
-                "the number of remaining targets contradicts the visited cells",
-            ),
-            (self.steps <= max_steps, "it has more steps than the step limit allows"),
-            (
-                self.visited.count() as u64 <= u64::from(self.steps) + 1,
-                "it has visited more cells than its steps allow",
-            ),
-        ];
-        match rules.into_iter().find(|(holds, _)| !holds) {
-            Some((_, broken)) => Err(StateError(broken)),
-            None => Ok(()),
-        }
+        episode_return(self.steps, visited, self.is_solved())
     }
 }
 
@@ -194,9 +140,10 @@ impl State {
 /// - **Start**: uniform over the level's [starts](Level::starts), and visited from the outset.
 /// - **Reward** of a step: −1; +2 instead on the first visit of a target; +30 more on the last.
 /// - **End**: *terminated* when every target is visited, *truncated* at `max_steps`; see [`Step`].
-/// - **Observation**: `[4, H, W]`, see [`Observation`].
 ///
-/// From the study and its published environment.
+/// What an agent sees of it is a [sensor](crate::sensor)'s matter.
+///
+/// From the paper and its published environment.
 #[derive(Clone, Debug)]
 pub struct CoverageEnv {
     level: Arc<Level>,
@@ -228,11 +175,6 @@ impl CoverageEnv {
     /// Where the episode stands.
     pub fn state(&self) -> &State {
         &self.state
-    }
-
-    /// What the agent sees.
-    pub fn observation(&self) -> Observation<'_> {
-        Observation::new(&self.level, &self.state)
     }
 
     /// Puts the episode where it stood before, from a state that need not be trusted.
@@ -268,13 +210,6 @@ impl CoverageEnv {
     pub fn step(&mut self, action: Action) -> Step {
         self.state.advance(&self.level, self.max_steps, action)
     }
-}
-
-/// The return of `steps` steps of which `visited` went to new targets, the last one if `solved`.
-pub(crate) fn episode_return(steps: u32, visited: u32, solved: bool) -> i64 {
-    let (steps, visited) = (i64::from(steps), i64::from(visited));
-    let completion = if solved { COMPLETION_REWARD } else { 0 };
-    i64::from(STEP_REWARD) * (steps - visited) + i64::from(TARGET_REWARD) * visited + i64::from(completion)
 }
 
 /// A start of `level`, uniformly.

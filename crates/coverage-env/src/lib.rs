@@ -6,7 +6,8 @@
 //! | module | what |
 //! |---|---|
 //! | [`level`] | [`Level`]: a parsed, validated, immutable map |
-//! | [`env`](mod@env) | [`CoverageEnv`] and [`State`]: reset and step (the rules) |
+//! | [`state`] | [`State`]: where an episode stands |
+//! | [`env`](mod@env) | the rules, stated once, and [`CoverageEnv`]: reset and step |
 //! | [`observation`] | how a state becomes a `[4, H, W]` array, dense or as the indices of its ones |
 //! | [`vec_env`] | [`VecEnv`]: environments stepped together, with automatic resets |
 //! | [`planner`] | random, greedy A* and the proved optimum, behind one trait |
@@ -41,12 +42,14 @@ pub mod observation;
 pub mod planner;
 pub mod random;
 pub mod render;
+pub mod state;
 pub mod vec_env;
 
 pub use action::Action;
 pub use cell_set::CellSet;
-pub use env::{CoverageEnv, MAX_STEPS, StartError, State, StateError, Step};
+pub use env::{CoverageEnv, MAX_STEPS, Step, worst_return};
 pub use level::{BUILTIN_IDS, Cell, Level, LevelDefect, LevelError};
 pub use observation::Observation;
 pub use planner::{EpisodeResult, PlanError, Planner, replay};
+pub use state::{StartError, State, StateError};
 pub use vec_env::{EpisodeEnd, VecEnv, VecStep};

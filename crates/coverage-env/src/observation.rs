@@ -1,8 +1,8 @@
 //! What the agent sees: a state as a binary array.
 
 use crate::cell_set::Cells;
-use crate::env::State;
 use crate::level::Level;
+use crate::state::State;
 
 /// A state as a binary array of shape `[4, H, W]`, row-major.
 ///

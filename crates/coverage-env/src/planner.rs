@@ -17,8 +17,9 @@ pub use random::Random;
 use std::sync::Arc;
 
 use crate::action::Action;
-use crate::env::{CoverageEnv, StartError};
+use crate::env::CoverageEnv;
 use crate::level::Level;
+use crate::state::StartError;
 
 /// Plans whole episodes.
 pub trait Planner {
@@ -86,5 +87,5 @@ pub fn replay(
         }
     }
     let state = env.state();
-    Ok(EpisodeResult { start, return_: state.return_so_far(level), length: state.steps, solved: state.remaining == 0 })
+    Ok(EpisodeResult { start, return_: state.return_so_far(level), length: state.steps, solved: state.is_solved() })
 }

@@ -1,7 +1,7 @@
 //! A state as text.
 
-use crate::env::State;
 use crate::level::{Cell, Level};
+use crate::state::State;
 
 /// What the characters of [`render`] mean.
 pub const LEGEND: &str = "@ agent   T target to visit   * visited target   o visited cell   . free   # wall";

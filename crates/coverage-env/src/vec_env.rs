@@ -5,8 +5,9 @@ use std::sync::Arc;
 use rand::Rng;
 
 use crate::action::Action;
-use crate::env::{State, StateError, Step, draw_start};
+use crate::env::{Step, draw_start, step_limit};
 use crate::level::Level;
+use crate::state::{State, StateError};
 
 /// The end of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,7 +56,7 @@ impl<R: Rng> VecEnv<R> {
                 env.state().clone()
             })
             .collect();
-        VecEnv::assemble(level, max_steps.max(1), states, rngs)
+        VecEnv::assemble(level, step_limit(max_steps), states, rngs)
     }
 
     /// Environments that go on where others stood, given their [`states`](VecEnv::states) and
@@ -70,14 +71,14 @@ impl<R: Rng> VecEnv<R> {
         states: Vec<State>,
         rngs: Vec<R>,
     ) -> Result<VecEnv<R>, StateError> {
-        let max_steps = max_steps.max(1);
+        let max_steps = step_limit(max_steps);
         if states.len() != rngs.len() {
             return Err(StateError::COUNT);
         }
         for state in &states {
             state.check(&level, max_steps)?;
             // An episode that is over would have been reset.
-            if state.remaining == 0 || state.steps >= max_steps {
+            if state.is_over(max_steps) {
                 return Err(StateError::OVER);
             }
         }

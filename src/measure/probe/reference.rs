@@ -25,7 +25,7 @@ pub fn reference_batch(level: &Arc<Level>, max_steps: u32) -> BitBatch {
     let mut env = CoverageEnv::new(level.clone(), max_steps);
     env.reset(&mut stream);
     while batch.len() < NUM_STATES {
-        batch.push_with(|active| env.observation().push_active(active));
+        batch.push_with(|active| Observation::new(env.level(), env.state()).push_active(active));
         for _ in 0..STRIDE {
             if env.step(Action::ALL[below(&mut stream, Action::COUNT as u32) as usize]).is_done() {
                 env.reset(&mut stream);

@@ -5,8 +5,8 @@ use std::collections::BinaryHeap;
 
 use super::{PlanError, Planner};
 use crate::action::Action;
-use crate::env::State;
 use crate::level::Level;
+use crate::state::State;
 
 /// The study's "gold standard": again and again to the unvisited target that is nearest in Manhattan
 /// distance, along a shortest path, until none is left.

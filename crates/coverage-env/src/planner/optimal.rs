@@ -5,8 +5,9 @@ mod tours;
 use super::{PlanError, Planner};
 use crate::action::Action;
 use crate::cell_set::CellSet;
-use crate::env::{State, episode_return};
+use crate::env::{COMPLETION_REWARD, STEP_REWARD, TARGET_REWARD, episode_return, step_limit};
 use crate::level::{Cell, Level};
+use crate::state::State;
 use tours::Tours;
 
 /// The most targets for which [`Optimal`] plans.
@@ -14,6 +15,9 @@ use tours::Tours;
 /// Its table has 2ⁿ · n entries of two bytes for n targets: 2 MiB for 16, 40 MiB for 20 and 176 MiB
 /// for 22, which take about a second to fill. Each further target would double both.
 pub const MAX_TARGETS: usize = 22;
+
+/// What the method below takes for granted about the rules: every step costs, and no target does.
+const _: () = assert!(STEP_REWARD < 0 && TARGET_REWARD > STEP_REWARD && COMPLETION_REWARD >= 0);
 
 /// The best return there is, from every start cell, with the actions that earn it.
 ///
@@ -64,7 +68,7 @@ impl Optimal {
     pub fn optimum(&mut self, level: &Level, start: usize, max_steps: u32) -> Result<Optimum, PlanError> {
         State::at_start(level, start)?;
         let solution = self.solution(level)?;
-        let limit = max_steps.max(1);
+        let limit = step_limit(max_steps);
         let walk = solution.best_walk(start, limit);
         let visited = walk.map_or(0, |walk| walk.targets) as u32;
         let (solved, length) = match walk {
@@ -93,7 +97,7 @@ impl Planner for Optimal {
 
     fn plan(&mut self, level: &Level, start: usize, max_steps: u32) -> Result<Vec<Action>, PlanError> {
         let optimum = self.optimum(level, start, max_steps)?;
-        let mut actions = self.solution(level)?.walk(level, start, max_steps.max(1));
+        let mut actions = self.solution(level)?.walk(level, start, step_limit(max_steps));
         // What cannot be solved lasts as long as the limit. No further target is within reach, so
         // any action will do.
         actions.resize(optimum.length as usize, Action::Down);

@@ -4,9 +4,9 @@ use rand::Rng;
 
 use super::{PlanError, Planner};
 use crate::action::Action;
-use crate::env::State;
 use crate::level::Level;
 use crate::random::below;
+use crate::state::State;
 
 /// Uniform actions until the episode's end, one [`below`] each: what knowing nothing earns.
 ///

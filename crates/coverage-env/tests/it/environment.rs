@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use chacha20::ChaCha8Rng;
 use chacha20::rand_core::SeedableRng;
-use coverage_env::{Action, CoverageEnv, Level, MAX_STEPS, StartError, State, Step};
+use coverage_env::{Action, CoverageEnv, Level, MAX_STEPS, Observation, StartError, State, Step, worst_return};
 use proptest::prelude::*;
 
 use crate::support::{actions, builtin, levels_with_start};
@@ -113,7 +113,7 @@ proptest! {
         let state = State { agent, visited: words.into(), remaining, steps };
         let mut env = CoverageEnv::new(Arc::clone(&level), MAX_STEPS);
         if env.set_state(state).is_ok() {
-            env.observation().write(&mut vec![0.0; 4 * level.len()]);
+            Observation::new(&level, env.state()).write(&mut vec![0.0; 4 * level.len()]);
             actions.into_iter().for_each(|action| {
                 env.step(action);
             });
@@ -141,6 +141,18 @@ fn rewards_of_a_corridor() {
     // Stepping on is harmless.
     assert_eq!(step(Action::Left), (-1.0, true, true));
     assert_eq!(env.state().return_so_far(env.level()), 31);
+}
+
+/// What normalised returns count from: the return of an agent that never finds a target.
+#[test]
+fn the_worst_return_is_that_of_standing_still() {
+    for max_steps in [0, 1, 7, MAX_STEPS] {
+        let mut env = CoverageEnv::new(builtin("0"), max_steps);
+        env.reset_at(0).unwrap();
+        while !env.step(Action::Up).is_done() {}
+        assert_eq!(env.state().return_so_far(env.level()), worst_return(max_steps));
+    }
+    assert_eq!(worst_return(MAX_STEPS), -200);
 }
 
 #[test]

@@ -32,11 +32,12 @@ fn check(env: &CoverageEnv) -> Result<(), TestCaseError> {
     let level = env.level();
     let expected = defined(level, env);
     let mut written = vec![f32::NAN; Observation::len(level)];
-    env.observation().write(&mut written);
+    let observation = Observation::new(level, env.state());
+    observation.write(&mut written);
     prop_assert_eq!(&written, &expected);
 
     let mut active = Vec::new();
-    env.observation().push_active(&mut active);
+    observation.push_active(&mut active);
     prop_assert!(active.is_sorted());
     let constant = Observation::constant_inputs(level);
     prop_assert!(constant.is_sorted());
