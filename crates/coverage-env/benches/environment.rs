@@ -9,7 +9,7 @@ use std::time::Duration;
 use chacha20::ChaCha8Rng;
 use chacha20::rand_core::SeedableRng;
 use coverage_env::planner::{AStar, Optimal};
-use coverage_env::{Action, CoverageEnv, Level, MAX_STEPS, Observation, Planner, VecEnv};
+use coverage_env::{Action, CoverageEnv, Level, MAX_STEPS, Planner, Scene, VecEnv, sensor};
 use coverage_env::{generator::LevelSpec, random::below};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 
@@ -51,13 +51,15 @@ fn steps(criterion: &mut Criterion) {
             black_box(env.step(actions.next(ENVIRONMENTS)));
         });
     });
-    let inputs = Observation::len(&level);
+    // Which sensor it is, is known only when it runs; so it is in training.
+    let sensor = black_box(sensor::by_name("full")).expect("a sensor");
+    let inputs = sensor.inputs(&level);
     let mut floats = vec![0.0; ENVIRONMENTS * inputs];
     group.bench_function("step_and_floats", |bencher| {
         bencher.iter(|| {
             env.step(actions.next(ENVIRONMENTS));
             for (state, out) in env.states().iter().zip(floats.chunks_exact_mut(inputs)) {
-                Observation::new(&level, state).write(out);
+                sensor.write(Scene::new(&level, state), out);
             }
             black_box(&floats);
         });
@@ -68,7 +70,7 @@ fn steps(criterion: &mut Criterion) {
             env.step(actions.next(ENVIRONMENTS));
             active.clear();
             for state in env.states() {
-                Observation::new(&level, state).push_active(&mut active);
+                sensor.push_active(Scene::new(&level, state), &mut active);
             }
             black_box(&active);
         });
@@ -86,7 +88,7 @@ fn steps(criterion: &mut Criterion) {
     });
     let state = single.state().clone();
     group.bench_function("floats", |bencher| {
-        bencher.iter(|| Observation::new(&level, black_box(&state)).write(black_box(&mut floats[..inputs])));
+        bencher.iter(|| sensor.write(Scene::new(&level, black_box(&state)), black_box(&mut floats[..inputs])));
     });
     group.finish();
 }

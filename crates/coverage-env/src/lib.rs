@@ -8,7 +8,8 @@
 //! | [`level`] | [`Level`]: a parsed, validated, immutable map |
 //! | [`state`] | [`State`]: where an episode stands |
 //! | [`env`](mod@env) | the rules, stated once, and [`CoverageEnv`]: reset and step |
-//! | [`observation`] | how a state becomes a `[4, H, W]` array, dense or as the indices of its ones |
+//! | [`sensor`] | what an agent sees: a state as a binary array, dense or as the indices of its ones |
+//! | [`observation`] | the full sensor, for callers that use no other |
 //! | [`vec_env`] | [`VecEnv`]: environments stepped together, with automatic resets |
 //! | [`planner`] | random, greedy A* and the proved optimum, behind one trait |
 //! | [`generator`] | random solvable levels |
@@ -42,6 +43,7 @@ pub mod observation;
 pub mod planner;
 pub mod random;
 pub mod render;
+pub mod sensor;
 pub mod state;
 pub mod vec_env;
 
@@ -51,5 +53,6 @@ pub use env::{CoverageEnv, MAX_STEPS, Step, worst_return};
 pub use level::{BUILTIN_IDS, Cell, Level, LevelDefect, LevelError};
 pub use observation::Observation;
 pub use planner::{EpisodeResult, PlanError, Planner, replay};
+pub use sensor::{Scene, Sensor};
 pub use state::{StartError, State, StateError};
 pub use vec_env::{EpisodeEnd, VecEnv, VecStep};

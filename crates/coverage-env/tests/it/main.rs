@@ -4,7 +4,7 @@ mod environment;
 mod generator;
 mod golden;
 mod levels;
-mod observation;
 mod planners;
+mod sensors;
 mod support;
 mod vec_env;
