@@ -8,6 +8,7 @@
 //! |---|---|
 //! | `level` | `Level`, with the planners |
 //! | `source` | `LevelSource`: which level an episode is played on |
+//! | `sensor` | what environments see with |
 //! | `runner` | one environment, episode after episode |
 //! | `single` | `Env`: a runner behind Gymnasium's `Env` |
 //! | `vector` | `VectorEnv`: many runners behind Gymnasium's `VectorEnv` |
@@ -19,6 +20,7 @@
 mod error;
 mod level;
 mod runner;
+mod sensor;
 mod single;
 mod source;
 mod vector;
@@ -28,6 +30,8 @@ mod vector;
 mod _native {
     #[pymodule_export]
     use crate::level::PyLevel;
+    #[pymodule_export]
+    use crate::sensor::sensors;
     #[pymodule_export]
     use crate::single::Env;
     #[pymodule_export]

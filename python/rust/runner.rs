@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use chacha20::ChaCha8Rng;
 use chacha20::rand_core::SeedableRng;
-use coverage_env::{Action, CellSet, CoverageEnv, Observation, State, Step};
+use coverage_env::{Action, CellSet, CoverageEnv, Scene, State, Step};
 use pyo3::prelude::*;
 
 use crate::error::value_error;
@@ -74,10 +74,10 @@ impl Runner {
         Runner { source, env, rng, phase: Phase::New, timesteps: 0, path: records_path.then(Vec::new) }
     }
 
-    /// What the agent sees.
+    /// What a sensor may look at.
     #[inline]
-    pub(crate) fn observation(&self) -> Observation<'_> {
-        Observation::new(self.env.level(), self.env.state())
+    pub(crate) fn scene(&self) -> Scene<'_> {
+        Scene::new(self.env.level(), self.env.state())
     }
 
     pub(crate) fn env(&self) -> &CoverageEnv {

@@ -2,16 +2,17 @@
 
 use std::sync::Arc;
 
+use coverage_env::Action;
 use coverage_env::render::render;
-use coverage_env::{Action, Observation};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::intern;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyTuple};
 
 use crate::error::{InvalidAction, ResetNeeded, not_reset};
 use crate::level::PyLevel;
 use crate::runner::{Phase, Runner, Saved};
+use crate::sensor::{Seen, SeenBy};
 use crate::source::{LevelSource, check_shapes};
 
 /// One environment: what `reset` and `step` return is what Gymnasium's do.
@@ -19,23 +20,28 @@ use crate::source::{LevelSource, check_shapes};
 pub(crate) struct Env {
     source: Py<LevelSource>,
     runner: Runner,
-    /// Whether observations are `[4, H, W]` rather than `[4 * H * W]`.
-    grid: bool,
-    /// The latest observation, `[4 * H * W]`: memory to write it to before it is handed over.
+    seen: Seen,
+    /// The latest observation, `[C * H * W]`: memory to write it to before it is handed over.
     scratch: Vec<f32>,
 }
 
 type Reset<'py> = (Bound<'py, PyAny>, Bound<'py, PyDict>);
 type Stepped<'py> = (Bound<'py, PyAny>, f32, bool, bool, Bound<'py, PyDict>);
-type Reduced<'py> = (Bound<'py, PyAny>, (Py<LevelSource>, u32, bool, Saved));
+type Reduced<'py> = (Bound<'py, PyAny>, (Py<LevelSource>, u32, SeenBy, Saved));
 
 #[pymethods]
 impl Env {
     #[new]
-    #[pyo3(signature = (source, *, max_steps, grid, records_path))]
-    fn new(py: Python<'_>, source: Py<LevelSource>, max_steps: u32, grid: bool, records_path: bool) -> Env {
+    #[pyo3(signature = (source, *, max_steps, seen, records_path))]
+    fn new(py: Python<'_>, source: Py<LevelSource>, max_steps: u32, seen: SeenBy, records_path: bool) -> PyResult<Env> {
         let runner = Runner::new(Arc::clone(&source.bind(py).get().source), max_steps, records_path);
-        Env::with(source, runner, grid)
+        Ok(Env::with(source, runner, Seen::new(&seen)?))
+    }
+
+    /// The shape of its observations.
+    #[getter]
+    fn shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, self.seen.shape(&self.runner))
     }
 
     /// From here on, random numbers are those of `seed`.
@@ -116,30 +122,29 @@ impl Env {
     fn __reduce__<'py>(slf: &Bound<'py, Env>) -> PyResult<Reduced<'py>> {
         let (py, restore) = (slf.py(), slf.get_type().getattr("restore")?);
         let env = slf.try_borrow()?;
-        let arguments = (env.source.clone_ref(py), env.runner.env().max_steps(), env.grid, env.runner.save(py)?);
-        Ok((restore, arguments))
+        let (source, max_steps) = (env.source.clone_ref(py), env.runner.env().max_steps());
+        Ok((restore, (source, max_steps, env.seen.by(), env.runner.save(py)?)))
     }
 
     /// The environment that was pickled.
     #[staticmethod]
-    fn restore(py: Python<'_>, source: Py<LevelSource>, max_steps: u32, grid: bool, saved: Saved) -> PyResult<Env> {
+    fn restore(py: Python<'_>, source: Py<LevelSource>, max_steps: u32, seen: SeenBy, saved: Saved) -> PyResult<Env> {
         let runner = Runner::restore(Arc::clone(&source.bind(py).get().source), max_steps, saved)?;
-        Ok(Env::with(source, runner, grid))
+        Ok(Env::with(source, runner, Seen::new(&seen)?))
     }
 }
 
 impl Env {
-    fn with(source: Py<LevelSource>, runner: Runner, grid: bool) -> Env {
-        let scratch = vec![0.0; Observation::len(runner.env().level())];
-        Env { source, runner, grid, scratch }
+    fn with(source: Py<LevelSource>, runner: Runner, seen: Seen) -> Env {
+        let scratch = vec![0.0; seen.inputs(&runner)];
+        Env { source, runner, seen, scratch }
     }
 
     fn observation<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        self.runner.observation().write(&mut self.scratch);
+        self.seen.write(&self.runner, &mut self.scratch);
         let array = PyArray1::from_slice(py, &self.scratch);
-        if self.grid {
-            let level = self.runner.env().level();
-            return Ok(array.reshape([Observation::CHANNELS, level.height(), level.width()])?.into_any());
+        if self.seen.grid {
+            return Ok(array.reshape(self.seen.sensor.shape(self.runner.env().level()))?.into_any());
         }
         Ok(array.into_any())
     }

@@ -2,17 +2,18 @@
 
 use std::sync::Arc;
 
+use coverage_env::Action;
 use coverage_env::render::render;
-use coverage_env::{Action, Observation};
 use numpy::{
     PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadwriteArrayDyn, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyTuple};
 
 use crate::error::{InvalidAction, ResetNeeded, not_reset, value_error};
 use crate::level::PyLevel;
 use crate::runner::{Info, Phase, Runner, Saved};
+use crate::sensor::{Seen, SeenBy};
 use crate::source::{LevelSource, Source, check_shapes};
 
 /// What happens to an environment whose episode is over; Gymnasium's `AutoresetMode`.
@@ -48,8 +49,8 @@ pub(crate) struct VectorEnv {
     /// `[n]`
     runners: Vec<Runner>,
     autoreset: Autoreset,
-    /// Whether observations are `[n, 4, H, W]` rather than `[n, 4 * H * W]`.
-    grid: bool,
+    /// What all of them see with.
+    seen: Seen,
     /// The one array of observations that is always returned, if each call is not to have its own.
     shared: Option<Py<PyArrayDyn<f32>>>,
 }
@@ -64,24 +65,25 @@ type Stepped<'py> = (
     Bound<'py, PyArray1<bool>>,
     Bound<'py, PyDict>,
 );
-type Reduced<'py> = (Bound<'py, PyAny>, (Vec<Py<LevelSource>>, u32, &'static str, bool, bool, Vec<Saved>));
+type Reduced<'py> = (Bound<'py, PyAny>, (Vec<Py<LevelSource>>, u32, &'static str, SeenBy, bool, Vec<Saved>));
 
 #[pymethods]
 impl VectorEnv {
     #[new]
-    #[pyo3(signature = (sources, *, max_steps, autoreset, grid, shares_memory, records_path))]
+    #[pyo3(signature = (sources, *, max_steps, autoreset, seen, shares_memory, records_path))]
     fn new(
         py: Python<'_>,
         sources: Vec<Py<LevelSource>>,
         max_steps: u32,
         autoreset: &str,
-        grid: bool,
+        seen: SeenBy,
         shares_memory: bool,
         records_path: bool,
     ) -> PyResult<VectorEnv> {
         let runner = |source| Runner::new(source, max_steps, records_path);
         let runners = rules(py, &sources).map(runner).collect();
-        VectorEnv::with(py, sources, runners, Autoreset::from_name(autoreset)?, grid, shares_memory)
+        let seen = Seen::new(&seen)?;
+        VectorEnv::with(py, sources, runners, Autoreset::from_name(autoreset)?, seen, shares_memory)
     }
 
     /// From the next episodes on, the levels of each environment come from its entry of `sources`.
@@ -135,9 +137,10 @@ impl VectorEnv {
         let mut batch = observations.try_readwrite().map_err(value_error)?;
         let out = batch.as_slice_mut().map_err(value_error)?;
         let mut infos = Infos::new(count);
+        let seen = self.seen;
         py.detach(|| {
             for ((index, runner), out) in self.runners.iter().enumerate().zip(chunks(out, &self.runners)) {
-                runner.observation().write(out);
+                seen.write(runner, out);
                 if mask[index] {
                     infos.set(index, runner.info());
                 }
@@ -170,8 +173,8 @@ impl VectorEnv {
                 terminated: terminated.as_slice_mut().map_err(value_error)?,
                 truncated: truncated.as_slice_mut().map_err(value_error)?,
             };
-            let (runners, autoreset) = (&mut self.runners, self.autoreset);
-            py.detach(|| step_all(runners, autoreset, &actions, batch, &mut report));
+            let (runners, autoreset, seen) = (&mut self.runners, self.autoreset, self.seen);
+            py.detach(|| step_all(runners, autoreset, seen, &actions, batch, &mut report));
         }
         let infos = report.infos.into_dict(py, &vec![true; count])?;
         if !report.finals.is_empty() {
@@ -192,6 +195,12 @@ impl VectorEnv {
     #[getter]
     fn was_reset(&self) -> bool {
         self.runners.iter().all(|runner| runner.phase() != Phase::New)
+    }
+
+    /// The shape of one observation.
+    #[getter]
+    fn single_shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, self.seen.shape(&self.runners[0]))
     }
 
     /// The levels of the current episodes.
@@ -215,8 +224,8 @@ impl VectorEnv {
         let env = slf.try_borrow()?;
         let sources = env.sources.iter().map(|source| source.clone_ref(py)).collect();
         let saved: Vec<Saved> = env.runners.iter().map(|runner| runner.save(py)).collect::<PyResult<_>>()?;
-        let max_steps = env.runners[0].env().max_steps();
-        Ok((restore, (sources, max_steps, env.autoreset.name(), env.grid, env.shared.is_some(), saved)))
+        let (max_steps, mode) = (env.runners[0].env().max_steps(), env.autoreset.name());
+        Ok((restore, (sources, max_steps, mode, env.seen.by(), env.shared.is_some(), saved)))
     }
 
     /// The environments that were pickled.
@@ -226,7 +235,7 @@ impl VectorEnv {
         sources: Vec<Py<LevelSource>>,
         max_steps: u32,
         autoreset: &str,
-        grid: bool,
+        seen: SeenBy,
         shares_memory: bool,
         saved: Vec<Saved>,
     ) -> PyResult<VectorEnv> {
@@ -235,7 +244,8 @@ impl VectorEnv {
         }
         let restored = rules(py, &sources).zip(saved).map(|(rule, saved)| Runner::restore(rule, max_steps, saved));
         let runners = restored.collect::<PyResult<_>>()?;
-        VectorEnv::with(py, sources, runners, Autoreset::from_name(autoreset)?, grid, shares_memory)
+        let seen = Seen::new(&seen)?;
+        VectorEnv::with(py, sources, runners, Autoreset::from_name(autoreset)?, seen, shares_memory)
     }
 }
 
@@ -245,11 +255,11 @@ impl VectorEnv {
         sources: Vec<Py<LevelSource>>,
         runners: Vec<Runner>,
         autoreset: Autoreset,
-        grid: bool,
+        seen: Seen,
         shares_memory: bool,
     ) -> PyResult<VectorEnv> {
         check_sources(py, sources.iter())?;
-        let mut env = VectorEnv { sources, runners, autoreset, grid, shared: None };
+        let mut env = VectorEnv { sources, runners, autoreset, seen, shared: None };
         if shares_memory {
             env.shared = Some(env.observations(py)?.unbind());
         }
@@ -266,11 +276,9 @@ impl VectorEnv {
 
     /// The shape of `count` observations.
     fn shape(&self, count: usize) -> Vec<usize> {
-        let level = self.runners[0].env().level();
-        match self.grid {
-            true => vec![count, Observation::CHANNELS, level.height(), level.width()],
-            false => vec![count, Observation::len(level)],
-        }
+        let mut shape = self.seen.shape(&self.runners[0]);
+        shape.insert(0, count);
+        shape
     }
 
     fn check_actions(&self, actions: &PyReadonlyArray1<'_, i64>) -> PyResult<Vec<Action>> {
@@ -336,7 +344,7 @@ impl VectorEnv {
 
 /// What a step returns, to be filled in; one environment after the other.
 struct Batch<'a> {
-    /// `[n * 4 * H * W]`
+    /// `[n * C * H * W]`
     observations: &'a mut [f32],
     /// `[n]`, as are the next.
     rewards: &'a mut [f64],
@@ -365,7 +373,14 @@ impl Report {
     }
 }
 
-fn step_all(runners: &mut [Runner], autoreset: Autoreset, actions: &[Action], batch: Batch<'_>, report: &mut Report) {
+fn step_all(
+    runners: &mut [Runner],
+    autoreset: Autoreset,
+    seen: Seen,
+    actions: &[Action],
+    batch: Batch<'_>,
+    report: &mut Report,
+) {
     let length = batch.observations.len() / runners.len();
     let observations = batch.observations.chunks_exact_mut(length);
     for (index, (runner, out)) in runners.iter_mut().zip(observations).enumerate() {
@@ -380,13 +395,13 @@ fn step_all(runners: &mut [Runner], autoreset: Autoreset, actions: &[Action], ba
             batch.truncated[index] = step.truncated;
             if step.is_done() && autoreset == Autoreset::SameStep {
                 let mut observation = vec![0.0; length];
-                runner.observation().write(&mut observation);
+                seen.write(runner, &mut observation);
                 report.finals.push(Final { index, observation, info: runner.info() });
                 runner.reset();
                 report.was_reset[index] = true;
             }
         }
-        runner.observation().write(out);
+        seen.write(runner, out);
         report.infos.set(index, runner.info());
     }
 }

@@ -233,6 +233,7 @@ def test_bad_starts_are_refused(start: Any, message: str) -> None:
         ({"max_steps": 2.5}, TypeError, "max_steps must be an integer"),
         ({"max_steps": 2**40}, ValueError, "max_steps must be from 1"),
         ({"observation": "image"}, ValueError, "observation must be 'flat' or 'grid'"),
+        ({"sensor": "nose"}, ValueError, "sensor must be 'full'"),
     ],
 )
 def test_bad_arguments_are_refused(options: dict[str, Any], error: type[Exception], message: str) -> None:

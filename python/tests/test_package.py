@@ -69,8 +69,14 @@ DAMAGE = {
 def test_what_was_pickled_is_not_trusted(damage: str) -> None:
     env = cpp_rl_gym.CoverageEnv(0)
     env.reset(seed=0)
-    restore, (source, max_steps, grid, saved) = env._core.__reduce__()
+    restore, (source, max_steps, seen, saved) = env._core.__reduce__()
     part, change = DAMAGE[damage]
     saved = (*saved[:part], change(saved[part]), *saved[part + 1 :])
     with pytest.raises(ValueError, match=r"state|saved"):
-        restore(source, max_steps, grid, saved)
+        restore(source, max_steps, seen, saved)
+
+
+def test_what_was_pickled_names_a_sensor_that_exists() -> None:
+    restore, (source, max_steps, _, saved) = cpp_rl_gym.CoverageEnv(0)._core.__reduce__()
+    with pytest.raises(ValueError, match='no sensor "nose"'):
+        restore(source, max_steps, ("nose", False), saved)

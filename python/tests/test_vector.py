@@ -269,6 +269,7 @@ def test_any_integers_are_actions(actions: Any) -> None:
         ({"autoreset_mode": "Later"}, ValueError, "AutoresetMode"),
         ({"render_mode": "human"}, ValueError, "render_mode must be None or 'ansi' or 'rgb_array'"),
         ({"observation": "image"}, ValueError, "observation must be"),
+        ({"sensor": "nose"}, ValueError, "sensor must be 'full'"),
         ({"max_steps": 0}, ValueError, "max_steps must be from 1"),
     ],
     ids=repr,

@@ -21,6 +21,7 @@ import importlib.util
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from cpp_rl_gym.env import SENSORS as SENSORS
     from cpp_rl_gym.env import CoverageEnv as CoverageEnv
     from cpp_rl_gym.levels import BUILTIN_LEVELS as BUILTIN_LEVELS
     from cpp_rl_gym.levels import Curriculum as Curriculum
@@ -42,6 +43,7 @@ _HOMES = {
     "Level": "levels",
     "Plan": "planners",
     "RandomLevels": "levels",
+    "SENSORS": "env",
     "as_level": "levels",
     "plan": "planners",
 }

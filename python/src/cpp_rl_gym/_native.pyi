@@ -4,11 +4,14 @@ import numpy as np
 import numpy.typing as npt
 from typing_extensions import Self
 
-__all__ = ["BUILTIN_LEVELS", "MAX_STEPS", "RENDER_LEGEND", "Env", "Level", "LevelSource", "VectorEnv"]
+__all__ = ["BUILTIN_LEVELS", "MAX_STEPS", "RENDER_LEGEND", "Env", "Level", "LevelSource", "VectorEnv", "sensors"]
 
 MAX_STEPS: Final[int]
 BUILTIN_LEVELS: Final[list[str]]
 RENDER_LEGEND: Final[str]
+
+def sensors() -> list[str]:
+    """The names of all sensors, the default first."""
 
 @final
 class Level:
@@ -80,7 +83,10 @@ class LevelSource:
 class Env:
     """One environment."""
 
-    def __new__(cls, source: LevelSource, *, max_steps: int, grid: bool, records_path: bool) -> Self: ...
+    def __new__(cls, source: LevelSource, *, max_steps: int, seen: tuple[str, bool], records_path: bool) -> Self: ...
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of its observations."""
     def seed(self, seed: int) -> None: ...
     def set_source(self, source: LevelSource) -> None: ...
     def reset(self, start: tuple[int, int] | None = None) -> tuple[npt.NDArray[np.float32], dict[str, Any]]: ...
@@ -95,7 +101,7 @@ class Env:
     @property
     def path(self) -> list[tuple[int, int]]: ...
     @staticmethod
-    def restore(source: LevelSource, max_steps: int, grid: bool, saved: Any) -> Env: ...
+    def restore(source: LevelSource, max_steps: int, seen: tuple[str, bool], saved: Any) -> Env: ...
 
 @final
 class VectorEnv:
@@ -107,7 +113,7 @@ class VectorEnv:
         *,
         max_steps: int,
         autoreset: str,
-        grid: bool,
+        seen: tuple[str, bool],
         shares_memory: bool,
         records_path: bool,
     ) -> Self: ...
@@ -131,6 +137,9 @@ class VectorEnv:
     @property
     def was_reset(self) -> bool: ...
     @property
+    def single_shape(self) -> tuple[int, ...]:
+        """The shape of one observation."""
+    @property
     def levels(self) -> list[Level]: ...
     @property
     def paths(self) -> list[list[tuple[int, int]]]: ...
@@ -139,7 +148,7 @@ class VectorEnv:
         sources: list[LevelSource],
         max_steps: int,
         autoreset: str,
-        grid: bool,
+        seen: tuple[str, bool],
         shares_memory: bool,
         saved: Any,
     ) -> VectorEnv: ...

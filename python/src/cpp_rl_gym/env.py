@@ -18,6 +18,9 @@ from cpp_rl_gym.window import Window
 
 Observation = npt.NDArray[np.float32]
 
+#: The names of all sensors, the default first.
+SENSORS: tuple[str, ...] = tuple(_native.sensors())
+
 
 class CoverageEnv(gymnasium.Env[Observation, np.int64]):
     """An agent on a grid must visit every target in as few moves as it can.
@@ -48,6 +51,7 @@ class CoverageEnv(gymnasium.Env[Observation, np.int64]):
         level: the level, or a rule that gives each episode its level; see :mod:`cpp_rl_gym.levels`.
         max_steps: the step limit of an episode. Do not wrap the environment in a ``TimeLimit`` besides.
         observation: "flat" or "grid".
+        sensor: what the agent sees; "full" is the whole map, as described above. :data:`cpp_rl_gym.SENSORS` has all.
         render_mode: None, "ansi" (a string), "rgb_array" (a picture) or "human" (a window; needs pygame).
 
     ``reset(options={"start": (row, column)})`` chooses the start of the one episode; rows and columns count from 0.
@@ -61,18 +65,19 @@ class CoverageEnv(gymnasium.Env[Observation, np.int64]):
         *,
         max_steps: int = _native.MAX_STEPS,
         observation: Literal["flat", "grid"] = "flat",
+        sensor: str = "full",
         render_mode: str | None = None,
     ) -> None:
         source = as_source(level)
         self.render_mode = _checks.one_of("render_mode", render_mode, [None, *self.metadata["render_modes"]])
-        self.observation_space = observation_space(source, observation)
         self.action_space = spaces.Discrete(4)
         self._core = _native.Env(
             source,
             max_steps=_checks.natural("max_steps", max_steps, low=1),
-            grid=observation == "grid",
+            seen=seen(sensor, observation),
             records_path=render_mode in ("human", "rgb_array"),
         )
+        self.observation_space = observation_space(self._core.shape)
         self._window: Window | None = None
         # The generator that the core's random numbers were seeded from.
         self._seeded_from: np.random.Generator | None = None
@@ -141,11 +146,14 @@ class CoverageEnv(gymnasium.Env[Observation, np.int64]):
         return {**self.__dict__, "_window": None}  # a window stays where it is
 
 
-def observation_space(source: _native.LevelSource, observation: str) -> spaces.Space[Observation]:
-    """The space of one observation of the levels of ``source``."""
-    _checks.one_of("observation", observation, ["flat", "grid"])
-    height, width = source.shape
-    shape = (4, height, width) if observation == "grid" else (4 * height * width,)
+def seen(sensor: str, observation: str) -> tuple[str, bool]:
+    """What an environment sees with, as the extension takes it."""
+    _checks.one_of("sensor", sensor, SENSORS)
+    return sensor, _checks.one_of("observation", observation, ["flat", "grid"]) == "grid"
+
+
+def observation_space(shape: tuple[int, ...]) -> spaces.Space[Observation]:
+    """The space of observations of this shape."""
     return cast("spaces.Space[Observation]", spaces.Box(0.0, 1.0, shape, np.float32))
 
 

@@ -16,7 +16,7 @@ from gymnasium.vector.utils import batch_space
 
 from cpp_rl_gym import _checks
 from cpp_rl_gym._extension import _native
-from cpp_rl_gym.env import Observation, observation_space, stream_seed
+from cpp_rl_gym.env import Observation, observation_space, seen, stream_seed
 from cpp_rl_gym.levels import Level, LevelRule, as_source
 from cpp_rl_gym.picture import picture
 
@@ -36,6 +36,7 @@ class CoverageVectorEnv(VectorEnv[Observation, Actions, npt.NDArray[Any]]):
         levels: instead of ``level``, a level or rule for each copy.
         max_steps: the step limit of an episode.
         observation: "flat" or "grid", as for ``CoverageEnv``.
+        sensor: what the agents see, as for ``CoverageEnv``.
         render_mode: None, "ansi" or "rgb_array"; ``render`` returns a tuple with one for each copy.
         autoreset_mode: what happens to a copy whose episode is over. "NextStep": the next ``step`` resets it, whatever
             its action. "SameStep": it is reset at once; the last observation and info of its episode are in
@@ -61,6 +62,7 @@ class CoverageVectorEnv(VectorEnv[Observation, Actions, npt.NDArray[Any]]):
         levels: Sequence[LevelRule] | None = None,
         max_steps: int = _native.MAX_STEPS,
         observation: Literal["flat", "grid"] = "flat",
+        sensor: str = "full",
         render_mode: str | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         copy: bool = True,
@@ -70,18 +72,18 @@ class CoverageVectorEnv(VectorEnv[Observation, Actions, npt.NDArray[Any]]):
         mode = AutoresetMode(autoreset_mode)
         self.metadata = {**type(self).metadata, "autoreset_mode": mode}  # type: ignore[misc]
         self.render_mode = _checks.one_of("render_mode", render_mode, [None, *self.metadata["render_modes"]])
-        self.single_observation_space = observation_space(sources[0], observation)
-        self.single_action_space = spaces.Discrete(4)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._core = _native.VectorEnv(
             sources,
             max_steps=_checks.natural("max_steps", max_steps, low=1),
             autoreset=mode.value,
-            grid=observation == "grid",
+            seen=seen(sensor, observation),
             shares_memory=not copy,
             records_path=render_mode == "rgb_array",
         )
+        self.single_observation_space = observation_space(self._core.single_shape)
+        self.single_action_space = spaces.Discrete(4)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
         # np_random of each copy, once there was a reset.
         self._generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds: list[int] = [-1] * self.num_envs
