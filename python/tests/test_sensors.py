@@ -10,7 +10,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 
 import cpp_rl_gym
-from support import assert_same, make, make_vec
+from support import RIGHT, assert_same, make, make_vec
 
 WIDE = "..T.#\n#...T"
 each_sensor = pytest.mark.parametrize("sensor", cpp_rl_gym.SENSORS)
@@ -20,6 +20,18 @@ def test_the_whole_map_is_the_default() -> None:
     assert cpp_rl_gym.SENSORS[0] == "full"
     ours, theirs = make(WIDE), make(WIDE, sensor="full")
     assert_same(ours.reset(seed=1), theirs.reset(seed=1))
+
+
+def test_a_local_view_by_hand() -> None:
+    env = make(WIDE, sensor="local", observation="grid")
+    observation, _ = env.reset(options={"start": (0, 0)})
+    assert env.observation_space.shape == (4, 3, 3)
+    no_wall, agent, target, visited = observation
+    np.testing.assert_array_equal(no_wall, [[0, 0, 0], [0, 1, 1], [0, 0, 1]])
+    np.testing.assert_array_equal(agent, [[0, 0, 0], [0, 1, 0], [0, 0, 0]])
+    assert not target.any()
+    np.testing.assert_array_equal(visited, agent)
+    assert env.step(RIGHT)[0][2].tolist() == [[0, 0, 0], [0, 0, 1], [0, 0, 0]]
 
 
 @pytest.mark.filterwarnings("error")

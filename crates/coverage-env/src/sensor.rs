@@ -4,6 +4,7 @@
 //! transition, which keeps no more, can be observed again.
 
 mod full;
+mod local;
 
 pub(crate) use full::CHANNELS;
 pub use full::Full;
@@ -15,6 +16,7 @@ use crate::state::State;
 #[rustfmt::skip] // a line for each
 pub static SENSORS: &[&dyn Sensor] = &[
     &full::Full,
+    &local::Local,
 ];
 
 /// The sensor of this name.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use coverage_env::level::{Cell, MAX_CELLS};
 use coverage_env::sensor::{SENSORS, by_name};
-use coverage_env::{CoverageEnv, Level, MAX_STEPS, Observation, Scene, Sensor};
+use coverage_env::{Action, CoverageEnv, Level, MAX_STEPS, Observation, Scene, Sensor};
 use proptest::prelude::*;
 
 use crate::support::{actions, levels_with_start};
@@ -87,6 +87,25 @@ fn the_largest_maps_fit() {
         }
         check_full(&env);
     }
+}
+
+/// Around the agent, in a corner, at a wall and after some steps: each array written down by hand.
+#[test]
+fn local_sees_the_cells_around_the_agent() {
+    let mut env = CoverageEnv::new(Arc::new(Level::from_map("small", "..#.\nT.T.\n....").unwrap()), MAX_STEPS);
+    env.reset_at(0).unwrap();
+    let mut sees = |actions: &[Action], map: [&str; 4]| {
+        actions.iter().for_each(|&action| {
+            env.step(action);
+        });
+        let map = map.concat().into_bytes().into_iter().map(|digit| f32::from(digit - b'0'));
+        assert_eq!(seen(by_name("local").expect("a sensor"), &env), map.collect::<Vec<_>>());
+    };
+    // No walls, the agent, targets, visited cells; of each the row above the agent, its own and the one below.
+    sees(&[], ["000011011", "000010000", "000000010", "000010000"]);
+    sees(&[Action::Right], ["000110111", "000010000", "000000101", "000110000"]);
+    sees(&[Action::Down, Action::Right], ["101111111", "000010000", "000010000", "100110000"]);
+    sees(&[Action::Down, Action::Right], ["110110000", "000010000", "100000000", "100110000"]);
 }
 
 #[test]
