@@ -1,4 +1,4 @@
-"""Trains Stable-Baselines3's PPO, with the study's hyper-parameters, on one level.
+"""Trains Stable-Baselines3's PPO, with the paper's hyper-parameters, on one level.
 
 python examples/train_sb3.py [--level 0] [--timesteps 200000] [--seed 0]
 """

@@ -100,7 +100,7 @@ class OracleEnv(gym.Env[np.ndarray, int]):
 
 
 class VectorOracle:
-    """Many agents at once in arrays, each on its own map of one size; an agent's episode begins anew as the last ends.
+    """Many agents at once in arrays, each on its own map of one size; an agent starts the next episode when one ends.
 
     The same rules in another way: no loop over agents. Observations are ``[n, 4, H, W]``; the infos are those of
     :class:`OracleEnv`, an array for each key.

@@ -1,4 +1,4 @@
-"""Stable-Baselines3 on the package: its checker, and that it learns as on the study's own environment."""
+"""Stable-Baselines3 on the package: its checker, and that it learns as on the paper's own environment."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class MeanReturns(BaseCallback):
         self.curve.append((self.num_timesteps, sum(returns) / len(returns)))
 
 
-def test_ppo_passes_a_return_of_zero_as_on_the_studys_environment() -> None:
+def test_ppo_passes_a_return_of_zero_as_on_the_papers_environment() -> None:
     torch.set_num_threads(1)
     watch = MeanReturns()
     model = sb3.PPO("MlpPolicy", make(0), seed=0, device="cpu", **PPO_ARGUMENTS)

@@ -17,7 +17,7 @@ from support import LEVELS, make, make_vec
 
 
 @pytest.mark.parametrize("number", LEVELS)
-def test_the_studys_levels_are_built_in(number: int) -> None:
+def test_the_papers_levels_are_built_in(number: int) -> None:
     level = as_level(number)
     rows = read_map(str(number))
     assert level.map.splitlines() == rows
@@ -55,9 +55,9 @@ def test_levels_are_values() -> None:
     [
         (5, ValueError, "no built-in level 5; there are 0 to 4"),
         (-1, ValueError, "no built-in level -1"),
-        (True, TypeError, "True is no level"),
-        (1.0, TypeError, "1.0 is no level"),
-        (None, TypeError, "None is no level"),
+        (True, TypeError, "True is not a level"),
+        (1.0, TypeError, "1.0 is not a level"),
+        (None, TypeError, "None is not a level"),
         ("5", ValueError, "neither a built-in level .* nor an existing file"),
         ("", ValueError, "neither a built-in level"),
         (Path("no/such.yaml"), ValueError, "no/such.yaml: cannot be read"),
@@ -72,9 +72,9 @@ def test_levels_are_values() -> None:
         ("." * 20000 + "\nT", ValueError, "more than 16384 cells"),
         ([], ValueError, "no levels"),
         ([0, "..T"], ValueError, "levels of 8 x 8 and of 1 x 3 cells"),
-        ([0, [1, None]], TypeError, "None is no level"),
-        (b"0", TypeError, "is no level"),
-        ({"level": 0}, TypeError, "is no level"),
+        ([0, [1, None]], TypeError, "None is not a level"),
+        (b"0", TypeError, "is not a level"),
+        ({"level": 0}, TypeError, "is not a level"),
         (RandomLevels(height=0), ValueError, "height must be from 1"),
         (RandomLevels(height=200, width=200), ValueError, "at most 16384"),
         (RandomLevels(height=2**31, width=2**31), ValueError, "at most 16384"),

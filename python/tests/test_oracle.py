@@ -68,7 +68,7 @@ def test_many_agents_in_arrays_do_what_each_does_alone() -> None:
                 np.testing.assert_array_equal(info["action_mask"], infos["action_mask"][i])
 
 
-def test_the_levels_have_the_studys_counts() -> None:
+def test_the_levels_have_the_papers_counts() -> None:
     envs = [OracleEnv(read_map(str(level))) for level in range(5)]
     assert [int(env.targets.sum()) for env in envs] == [8, 9, 7, 7, 6]
     assert [len(env.starts()) for env in envs] == [55, 50, 48, 46, 41]

@@ -2,7 +2,7 @@
 
 /// A move of the agent to one of the four neighbouring cells.
 ///
-/// The numbering is the study's and that of every action index in logs, networks and files.
+/// The numbering is the paper's and that of every action index in logs, networks and files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Action {

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// A set of the cells of one map: bit `cell % 64` of word `cell / 64`.
 ///
-/// Maps of up to 64 cells, such as the study's, keep their one word in place, so that copying a
+/// Maps of up to 64 cells, such as the paper's, keep their one word in place, so that copying a
 /// state allocates nothing. Serialised as the list of words.
 #[derive(Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(into = "Vec<u64>", from = "Vec<u64>")]

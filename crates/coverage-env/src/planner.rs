@@ -3,7 +3,7 @@
 //! | planner | what |
 //! |---|---|
 //! | [`Random`] | uniform actions |
-//! | [`AStar`] | the study's "gold standard": greedily to the nearest target |
+//! | [`AStar`] | the paper's "gold standard": greedily to the nearest target |
 //! | [`Optimal`] | the best return there is, proved |
 
 mod astar;

@@ -9,9 +9,9 @@ environment ``cpp_rl/Coverage-v0`` with Gymnasium:
     env = gymnasium.make("cpp_rl/Coverage-v0", level=0)
     envs = gymnasium.make_vec("cpp_rl/Coverage-v0", num_envs=256, level=0)
 
-The rules are described at :class:`CoverageEnv`. The environment is the one that ``cpp-rl`` trains on: both are built
-from the same Rust code, here as a compiled extension. The modules :mod:`cpp_rl_gym.checkpoint` and
-:mod:`cpp_rl_gym.sb3` do without the extension.
+:class:`CoverageEnv` describes the rules. It is the environment that ``cpp-rl`` trains on: both use the same Rust code,
+which is a compiled extension here. The modules :mod:`cpp_rl_gym.checkpoint` and :mod:`cpp_rl_gym.sb3` do not need the
+extension.
 """
 
 from __future__ import annotations

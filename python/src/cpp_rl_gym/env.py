@@ -28,33 +28,34 @@ class CoverageEnv(gymnasium.Env[Observation, np.int64]):
     **Actions**, ``Discrete(4)``: 0 down, 1 up, 2 right, 3 left. A move into a wall or off the map leaves the agent
     where it is, and is a step like any other.
 
-    **Observations**, float32, each value 0 or 1: four maps of the level, which are 1 where (0) there is no wall,
-    (1) the agent is, (2) there is a target, visited or not, (3) the agent has been, its start included. With
-    ``observation="flat"`` they come as one vector, ``Box(0, 1, (4 * H * W,))``, channel by channel and row by row: what
-    networks of dense layers take, and Stable-Baselines3 without complaint. With ``"grid"`` they are
-    ``Box(0, 1, (4, H, W))``: for convolutions, and for models trained on the study's own environment.
+    **Observations**, float32, each value 0 or 1. They are four maps of the level, which are 1 where (0) there is no
+    wall, (1) the agent is, (2) there is a target, visited or not, (3) the agent has been, its start included. With
+    ``observation="flat"`` they are one vector, ``Box(0, 1, (4 * H * W,))``, channel by channel and row by row. Dense
+    layers take vectors, and so does Stable-Baselines3 without a warning. With ``"grid"`` they are
+    ``Box(0, 1, (4, H, W))``, for convolutions and for models trained on the paper's own environment. Another ``sensor``
+    has another shape ``[C, H, W]``.
 
-    **Reward**: -1 for a step; +2 instead for one to a target not visited before; +30 more for the one to the last.
+    **Reward**: -1 for a step. A step to a target not visited before earns +2 instead, and the last target +30 more.
 
-    **Episodes** start on a cell drawn uniformly from those that are neither wall nor target, and end *terminated* when
-    every target is visited, *truncated* after ``max_steps`` steps. Both may hold at once; nothing is left to earn then,
-    so look at ``terminated`` first.
+    **Episodes** start on a cell drawn uniformly from those that are neither wall nor target. They are *terminated* when
+    every target is visited, and *truncated* after ``max_steps`` steps. Both may hold at once. Then nothing is left to
+    earn, so look at ``terminated`` first.
 
     **Info**: ``steps`` so far in the episode, ``remaining_targets``, and ``action_mask``, int8 ``[4]``, 1 for each
-    action that moves the agent (``action_space.sample(mask)`` takes it; every action is allowed nonetheless). From
-    ``reset`` also ``level``, the level's name.
+    action that moves the agent. Every action is allowed; ``action_space.sample(mask)`` takes the mask. ``reset`` adds
+    ``level``, the level's name.
 
-    **Randomness**: ``reset(seed=…)`` seeds a stream of random numbers from ``np_random``; the same seed gives the same
-    levels and starts, in a vector environment too.
+    **Randomness**: ``reset(seed=…)`` seeds a stream of random numbers from ``np_random``. The same seed gives the same
+    levels and starts, also in a vector environment.
 
     Args:
         level: the level, or a rule that gives each episode its level; see :mod:`cpp_rl_gym.levels`.
-        max_steps: the step limit of an episode. Do not wrap the environment in a ``TimeLimit`` besides.
+        max_steps: the step limit of an episode. Do not add a ``TimeLimit`` to it.
         observation: "flat" or "grid".
         sensor: what the agent sees; "full" is the whole map, as described above. :data:`cpp_rl_gym.SENSORS` has all.
         render_mode: None, "ansi" (a string), "rgb_array" (a picture) or "human" (a window; needs pygame).
 
-    ``reset(options={"start": (row, column)})`` chooses the start of the one episode; rows and columns count from 0.
+    ``reset(options={"start": (row, column)})`` chooses the start of this episode; rows and columns count from 0.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["ansi", "human", "rgb_array"], "render_fps": 8}  # type: ignore[misc]

@@ -1,15 +1,15 @@
 """Levels, and rules that give each episode its level.
 
-Wherever a level is asked for, these will do:
+A level can be given as:
 
 =============================================  ==================================================================
 ``0`` to ``4``, ``"0"`` to ``"4"``             a built-in level; ``BUILTIN_LEVELS`` lists them
 ``"levels/mine.yaml"``, a ``Path``             a level in a file
 ``"..T\\n.#T"``                                 a map: ``.`` free, ``#`` wall, ``T`` target, a line per row
-a :class:`Level`                               itself
+a :class:`Level`                               that level
 =============================================  ==================================================================
 
-Environments also take a rule in place of a level: a list of any of these (one of them is drawn for each episode), a
+Environments also take a rule in place of a level. A rule is a list of any of these (one is drawn for each episode), a
 :class:`RandomLevels`, or a :class:`Curriculum`. All levels of one environment must have the same height and width.
 """
 
@@ -31,18 +31,20 @@ LevelLike = int | str | os.PathLike[str] | Level
 
 
 def as_level(level: LevelLike) -> Level:
-    """The level that is meant; the module's documentation has a table. Raises ValueError or TypeError if none is."""
+    """Finds a level; the module's documentation lists what can be passed. Raises ValueError or TypeError otherwise."""
     if isinstance(level, Level):
         return level
     if isinstance(level, str):
-        # A map of one row can be told from a path since it has nothing but a map's characters, a target among them.
+        # A map of one row has only a map's characters, and a target among them. No path looks like this.
         is_map = "\n" in level or ("T" in level and set(level) <= set(".#T"))
         return Level.from_map(level) if is_map else Level.resolve(level)
     if isinstance(level, os.PathLike):
         return Level.from_path(level)
     ids = f"{BUILTIN_LEVELS[0]} to {BUILTIN_LEVELS[-1]}"
     if isinstance(level, bool) or not hasattr(level, "__index__"):
-        raise TypeError(f"{level!r} is no level; pass one of {ids}, a path, a map as a string, or a cpp_rl_gym.Level")
+        raise TypeError(
+            f"{level!r} is not a level; pass one of {ids}, a path, a map as a string, or a cpp_rl_gym.Level"
+        )
     number = str(int(level))
     if number not in BUILTIN_LEVELS:
         raise ValueError(f"no built-in level {number}; there are {ids} (a level of your own is a path or a map)")
@@ -53,10 +55,10 @@ def as_level(level: LevelLike) -> Level:
 class RandomLevels:
     """A generated level for each episode.
 
-    Levels are numbered ``seed``, ``seed + 1``, …; the same description with the same number is the same level, always
-    and everywhere (``Level.generate`` makes one). Each episode draws one of ``num_levels`` of them, or of 2**32 if that
-    is None, so that hardly any comes twice. To study generalisation, train on ``RandomLevels(num_levels=200)`` and
-    evaluate on ``RandomLevels(seed=200)``, levels never trained on.
+    Levels are numbered ``seed``, ``seed + 1``, …. The same description and number give the same level on every machine;
+    ``Level.generate`` makes one. Each episode draws one of ``num_levels`` levels. If that is None there are 2**32, so
+    that a level hardly ever comes twice. To measure generalisation, train on ``RandomLevels(num_levels=200)`` and
+    evaluate on ``RandomLevels(seed=200)``: these levels were not trained on.
     """
 
     height: int = 8
@@ -80,12 +82,12 @@ class RandomLevels:
 
 @dataclass(frozen=True)
 class Curriculum:
-    """One level after the other, each for so many timesteps; the last goes on for ever.
+    """One level after another, each for a number of timesteps; the last one has no end.
 
-    ``stages`` are pairs ``(level, timesteps)``, where the level may also be a list or a :class:`RandomLevels`. An
-    episode keeps its level to its end: the next one is played on the next stage's as soon as the environment has made
-    the timesteps of the stages before. In a vector environment each copy counts its own: eight copies with stages of
-    25_000 make 200_000 timesteps of each stage.
+    ``stages`` are pairs ``(level, timesteps)``. The level may also be a list or a :class:`RandomLevels`. An episode
+    keeps its level to its end. A new episode takes the level of the next stage once the timesteps of all stages before
+    are over. In a vector environment each copy counts its own timesteps: eight copies with stages of 25_000 make
+    200_000 timesteps of each stage.
     """
 
     stages: Sequence[tuple[LevelLike | Sequence[LevelLike] | RandomLevels, int]]
@@ -103,7 +105,7 @@ LevelRule = LevelLike | Sequence[Any] | RandomLevels | Curriculum
 
 
 def as_source(level: LevelRule) -> _native.LevelSource:
-    """The rule that is meant; raises ValueError or TypeError if none is."""
+    """Makes a rule of a level or rule; raises ValueError or TypeError if it is neither."""
     if isinstance(level, RandomLevels | Curriculum):
         return level._source()
     if isinstance(level, str | bytes) or not isinstance(level, Sequence):

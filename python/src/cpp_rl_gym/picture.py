@@ -1,7 +1,7 @@
 """A state as a picture: cells, walls, targets, the agent and its trail.
 
-Drawn with NumPy alone. A shape is a *mask*, the share of each pixel that it covers, computed from the distance to its
-edge, so that edges are smooth; masks of one size are made once.
+It is drawn with NumPy alone. A shape is a *mask*: the share of each pixel that it covers. The mask is computed from the
+distance to the edge, so that edges are smooth. Masks of one size are made once.
 """
 
 from __future__ import annotations

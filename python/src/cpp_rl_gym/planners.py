@@ -1,4 +1,4 @@
-"""The planners: what an agent is measured against."""
+"""The planners that an agent is compared with."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ def plan(
 ) -> Plan:
     """Plans an episode on ``level`` from the cell ``start``, ``(row, column)``.
 
-    ``"optimal"`` gives the best return there is, proved, for levels of up to 22 targets. ``"astar"`` is the study's
-    baseline: again and again to the nearest target, along a shortest path. Pass the same :class:`~cpp_rl_gym.Level` for
-    many starts: what ``"optimal"`` works out serves them all. Raises ValueError if no episode can start there.
+    ``"optimal"`` gives the best possible return. It is proved, and takes levels of up to 22 targets. ``"astar"`` is the
+    paper's baseline: it always goes to the nearest target, along a shortest path. For many starts pass the same
+    :class:`~cpp_rl_gym.Level`, so that ``"optimal"`` solves it once. Raises ValueError if no episode can start there.
     """
     row, column = position("start", start)
     limit = natural("max_steps", max_steps, low=1)

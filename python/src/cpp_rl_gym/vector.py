@@ -26,9 +26,9 @@ Actions = npt.NDArray[np.int64]
 class CoverageVectorEnv(VectorEnv[Observation, Actions, npt.NDArray[Any]]):
     """Copies of :class:`~cpp_rl_gym.CoverageEnv`, stepped together by one call of compiled code.
 
-    It returns what Gymnasium's ``SyncVectorEnv`` of as many ``CoverageEnv`` returns, infos and random numbers included:
-    ``reset(seed=s)`` gives copy ``i`` the seed ``s + i``, and a list gives each its own. It is merely faster, and
-    releases the interpreter's lock meanwhile.
+    It returns exactly what Gymnasium's ``SyncVectorEnv`` of ``num_envs`` environments returns, infos and random numbers
+    included. ``reset(seed=s)`` gives copy ``i`` the seed ``s + i``; a list gives each copy its own. It is
+    faster, and other Python threads run while it steps.
 
     Args:
         num_envs: how many copies.
@@ -42,10 +42,10 @@ class CoverageVectorEnv(VectorEnv[Observation, Actions, npt.NDArray[Any]]):
             its action. "SameStep": it is reset at once; the last observation and info of its episode are in
             ``infos["final_obs"]`` and ``infos["final_info"]``. "Disabled": you reset it, with
             ``reset(options={"reset_mask": mask})``, a bool array ``[num_envs]``.
-        copy: whether each call returns a new array of observations. Without, it is always the same one, overwritten
-            by the next call: keep nothing of it.
+        copy: whether each call returns a new array of observations. Without it every call overwrites and returns
+            the same array.
 
-    ``reset(options={"start": (row, column)})`` chooses the start of all copies; a list of pairs, that of each.
+    ``reset(options={"start": (row, column)})`` chooses the start of all copies. A list of pairs has one for each.
     """
 
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
@@ -146,7 +146,7 @@ class CoverageVectorEnv(VectorEnv[Observation, Actions, npt.NDArray[Any]]):
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator | None, ...]:  # type: ignore[override]
-        """The generator that each copy's random numbers were seeded from; None before the first reset."""
+        """For each copy the generator that seeded its random numbers; None before the first reset."""
         return tuple(self._generators)
 
     @property

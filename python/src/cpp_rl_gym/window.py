@@ -10,7 +10,7 @@ from gymnasium.error import DependencyNotInstalled
 
 
 class Window:
-    """Shows pictures at a given rate. It opens with the first."""
+    """Shows pictures at a given rate. It opens when the first one comes."""
 
     def __init__(self, title: str, frames_per_second: int) -> None:
         self._pygame = _pygame()
@@ -42,6 +42,6 @@ def _pygame() -> Any:
     except ImportError as error:
         raise DependencyNotInstalled(
             'render_mode="human" needs pygame to open a window; install it with: pip install pygame-ce '
-            '(render_mode="rgb_array" needs nothing)'
+            '(render_mode="rgb_array" does not need it)'
         ) from error
     return pygame

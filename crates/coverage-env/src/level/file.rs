@@ -8,7 +8,7 @@ use serde::Deserialize;
 
 use super::{Level, LevelDefect, LevelError};
 
-/// The ids of the built-in levels, the study's five; its Table 1 calls them 1 to 5.
+/// The ids of the built-in levels, the paper's five; its Table 1 calls them 1 to 5.
 pub const BUILTIN_IDS: [&str; 5] = ["0", "1", "2", "3", "4"];
 
 /// The largest level file that is read; a map of the most cells, one per indented row, fits.

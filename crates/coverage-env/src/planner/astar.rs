@@ -1,4 +1,4 @@
-//! The study's greedy baseline.
+//! The paper's greedy baseline.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -8,12 +8,12 @@ use crate::action::Action;
 use crate::level::Level;
 use crate::state::State;
 
-/// The study's "gold standard": again and again to the unvisited target that is nearest in Manhattan
-/// distance, along a shortest path, until none is left.
+/// The paper's "gold standard": it goes to the unvisited target that is nearest in Manhattan distance,
+/// along a shortest path, and repeats this until none is left.
 ///
 /// Paths are found by A* with the Manhattan heuristic over the four neighbours. Targets crossed on
 /// the way count as visited. Among equally near targets the first in row-major order is taken (the
-/// study's own order is that of a Python set). Neither choice is always best; see
+/// paper's own order is that of a Python set). Neither choice is always best; see
 /// [`Optimal`](super::Optimal).
 #[derive(Clone, Copy, Debug, Default)]
 pub struct AStar;

@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use crate::support::levels;
 
 #[test]
-fn the_built_in_levels_are_the_studys() {
+fn the_built_in_levels_are_the_papers() {
     let counts = |id: &str| {
         let level = Level::builtin(id).expect("a valid level");
         assert_eq!((level.name(), level.height(), level.width()), (id, 8, 8));

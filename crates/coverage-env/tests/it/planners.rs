@@ -97,11 +97,11 @@ fn optimal_means_are_exact() {
     assert_eq!(rounded, [42.909, 45.420, 40.292, 40.761, 31.707]);
 }
 
-/// The study breaks ties in the order of a Python set, so means agree but roughly.
+/// The paper's program breaks ties in the order of a Python set, so means agree but roughly.
 #[test]
-fn astar_earns_what_the_studys_does() {
-    let studys = [42.255, 45.420, 40.083, 40.283, 31.073];
-    for (id, theirs) in BUILTIN_IDS.into_iter().zip(studys) {
+fn astar_earns_what_the_papers_does() {
+    let papers = [42.255, 45.420, 40.083, 40.283, 31.073];
+    for (id, theirs) in BUILTIN_IDS.into_iter().zip(papers) {
         let ours = mean_return(&mut AStar, &builtin(id));
         assert!((ours - theirs).abs() <= 0.75, "level {id}: {ours} against {theirs}");
     }
