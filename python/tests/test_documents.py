@@ -15,7 +15,8 @@ from oracle import REPOSITORY
 
 EXAMPLES = REPOSITORY / "python" / "examples"
 README = (REPOSITORY / "python" / "README.md").read_text()
-BLOCKS = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+# Those of the section with the examples; test_runs.py has the one about runs.
+BLOCKS = re.findall(r"```python\n(.*?)```", README.partition("## The environment")[0], re.DOTALL)
 
 
 def run(*command: str, folder: Path) -> str:

@@ -10,8 +10,8 @@ environment ``cpp_rl/Coverage-v0`` with Gymnasium:
     envs = gymnasium.make_vec("cpp_rl/Coverage-v0", num_envs=256, level=0)
 
 :class:`CoverageEnv` describes the rules. It is the environment that ``cpp-rl`` trains on: both use the same Rust code,
-which is a compiled extension here. The modules :mod:`cpp_rl_gym.checkpoint` and :mod:`cpp_rl_gym.sb3` do not need the
-extension.
+which is a compiled extension here. The modules :mod:`cpp_rl_gym.checkpoint`, :mod:`cpp_rl_gym.sb3` and
+:mod:`cpp_rl_gym.runs` do not need the extension.
 """
 
 from __future__ import annotations
@@ -30,11 +30,14 @@ if TYPE_CHECKING:
     from cpp_rl_gym.levels import as_level as as_level
     from cpp_rl_gym.planners import Plan as Plan
     from cpp_rl_gym.planners import plan as plan
+    from cpp_rl_gym.runs import Runs as Runs
+    from cpp_rl_gym.runs import load_report as load_report
+    from cpp_rl_gym.runs import load_runs as load_runs
     from cpp_rl_gym.vector import CoverageVectorEnv as CoverageVectorEnv
 
 ENV_ID = "cpp_rl/Coverage-v0"
 
-# Each is imported when it is first used, since all need the extension.
+# Each is imported when it is first used, since most need the extension.
 _HOMES = {
     "BUILTIN_LEVELS": "levels",
     "CoverageEnv": "env",
@@ -43,8 +46,11 @@ _HOMES = {
     "Level": "levels",
     "Plan": "planners",
     "RandomLevels": "levels",
+    "Runs": "runs",
     "SENSORS": "env",
     "as_level": "levels",
+    "load_report": "runs",
+    "load_runs": "runs",
     "plan": "planners",
 }
 

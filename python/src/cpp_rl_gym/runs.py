@@ -1,0 +1,126 @@
+"""cpp-rl's runs and reports as pandas frames.
+
+    runs = cpp_rl_gym.load_runs("runs")
+    runs.progress.groupby(["arm", "curriculum", "stage"])["rollout/ep_rew_mean"].mean()
+
+This module needs pandas, and not the compiled extension.
+"""
+
+from __future__ import annotations
+
+import importlib
+import io
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from cpp_rl_gym.checkpoint import MissingPackageError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+DEPTH = 4  # folders below a given one in which cpp-rl looks for runs: command, arm, curriculum, seed
+KEYS = ("run", "arm", "curriculum", "seed")
+
+
+class Runs(NamedTuple):
+    """What runs have logged. Every frame begins with the columns of ``KEYS``, which say whose row it is.
+
+    ``run`` is the run's directory below the folder that was given, ``curriculum`` the name of its sequence of stages.
+    The other columns are those of the files; docs/metrics.md explains them. A column that a run does not have is NaN.
+    """
+
+    progress: pd.DataFrame
+    """A row for each row of a run's progress.csv."""
+    plasticity: pd.DataFrame
+    """A row for each measurement of plasticity."""
+    evaluations: pd.DataFrame
+    """A row for each evaluated episode."""
+    settings: pd.DataFrame
+    """A row for each run: its ``state`` (``finished``, ``running`` …) and its settings."""
+
+
+def load_runs(folder: str | os.PathLike[str]) -> Runs:
+    """Reads all runs in and below ``folder``, those that are still training included.
+
+    Raises FileNotFoundError if there is no run, and ValueError for a file that cannot be understood.
+    """
+    pandas, folder = _pandas(), Path(folder)
+    frames: dict[str, list[Any]] = {name: [] for name in ("progress", "plasticity", "evaluations")}
+    settings = []
+    for path in sorted(_find(folder, DEPTH)):
+        manifest = _manifest(path)
+        keys = dict(zip(KEYS, (str(path.relative_to(folder)), *(manifest[key] for key in KEYS[1:])), strict=True))
+        settings.append({**keys, "state": manifest["status"]["state"], **manifest["config"]})
+        for name, found in frames.items():
+            if (path / f"{name}.csv").exists():
+                found.append(_logged(path / f"{name}.csv", keys))
+    if not settings:
+        raise FileNotFoundError(f"there is no run in or below {folder}; pass the folder that cpp-rl was given as --out")
+    none = pandas.DataFrame(columns=list(KEYS))
+    tables = {name: pandas.concat(found, ignore_index=True) if found else none for name, found in frames.items()}
+    return Runs(**tables, settings=pandas.DataFrame(settings))
+
+
+def load_report(folder: str | os.PathLike[str]) -> dict[str, pd.DataFrame]:
+    """Reads the tables of a report that ``cpp-rl compare --out`` or ``cpp-rl study`` wrote, by name.
+
+    Raises FileNotFoundError if there are none.
+    """
+    tables = Path(folder) / "tables"
+    found = {path.stem: _read_csv(path) for path in sorted(tables.glob("*.csv"))}
+    if not found:
+        raise FileNotFoundError(f"there is no table in {tables}; pass the folder that `cpp-rl compare --out` wrote")
+    return found
+
+
+def _find(folder: Path, depth: int) -> Iterator[Path]:
+    """The directories with a manifest, ``folder`` itself or below; links are not followed."""
+    if (folder / "manifest.json").exists():
+        yield folder
+    elif depth > 0 and folder.is_dir():
+        for entry in os.scandir(folder):
+            if entry.is_dir(follow_symlinks=False):
+                yield from _find(Path(entry.path), depth - 1)
+
+
+def _manifest(path: Path) -> dict[str, Any]:
+    file = path / "manifest.json"
+    try:
+        manifest: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        if lacking := [key for key in (*KEYS[1:], "status", "config") if key not in manifest]:
+            raise ValueError(f"it lacks {', '.join(lacking)}")
+    except ValueError as error:
+        raise ValueError(f"{file}: not the manifest of a run ({error})") from error
+    return manifest
+
+
+def _logged(path: Path, keys: dict[str, Any]) -> Any:
+    """The rows of a log, behind the run's keys."""
+    text = path.read_text(encoding="utf-8")
+    whole = text[: text.rfind("\n") + 1]  # a run that is training may be in the middle of its last line
+    try:
+        rows = _read_csv(io.StringIO(whole))
+    except ValueError as error:
+        raise ValueError(f"{path}: not a table ({error})") from error
+    for place, (key, value) in enumerate(keys.items()):
+        rows.insert(place, key, value)
+    return rows
+
+
+def _read_csv(file: Path | io.StringIO) -> Any:
+    """A table, its floats to the last bit. Levels stay text, although the built-in ones have numbers for names."""
+    pandas = _pandas()
+    # From 3.1 on pandas reads floats exactly and does not want to be asked for it.
+    exact = tuple(int(part) for part in pandas.__version__.split(".")[:2]) >= (3, 1)
+    options = {} if exact else {"float_precision": "round_trip"}
+    return pandas.read_csv(file, dtype={"level": str}, **options)
+
+
+def _pandas() -> Any:
+    try:
+        return importlib.import_module("pandas")
+    except ImportError as error:
+        raise MissingPackageError("pandas") from error
