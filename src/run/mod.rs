@@ -26,6 +26,7 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use event_file::SessionStatus;
 use serde_json::Value;
+use tracing::debug;
 
 use crate::agent::algorithm::Algorithm;
 use crate::agent::config::Config;
@@ -292,7 +293,9 @@ impl RunDir {
         let path = snapshot::path(&self.path, timesteps);
         saved.write(&path, &self.network).with_context(|| format!("cannot write {}", path.display()))?;
         self.newest = Some(path);
-        self.retain(KEPT_SNAPSHOTS, before)
+        self.retain(KEPT_SNAPSHOTS, before)?;
+        debug!("{}: saved after {timesteps} timesteps", self.path.display());
+        Ok(())
     }
 
     /// Ends a stage: its checkpoint, then the manifest that counts it.

@@ -5,17 +5,18 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, SystemTime};
 
+use rustix::process::Signal;
 use serde_json::json;
 
 use crate::arbitrary::with_header;
 use crate::sandbox::{Reproducible, RunFiles, Sandbox};
-use crate::stops::{Signal, Training, command, runs, snapshots, stop_within, undisturbed};
+use crate::stops::{Training, command, runs, snapshots, stop_within, undisturbed};
 
 /// A run that was stopped in its second stage, the command that goes on with it, and what it must end with.
 fn stopped(sandbox: &Sandbox, algo: &str) -> (RunFiles, String) {
     let command = format!("{} --seeds 0", command(algo, "stopped"));
     let [run, _] = runs(sandbox, algo, "stopped");
-    stop_within(sandbox, &command, &run, Signal::Terminate);
+    stop_within(sandbox, &command, &run, Signal::TERM);
     (run, format!("{command} --resume"))
 }
 
@@ -32,7 +33,7 @@ fn stopped_train(sandbox: &Sandbox) -> (RunFiles, String, Reproducible) {
     sandbox.succeeds(&whole);
     let expected = run.reproducible();
     let (command, run) = command("stopped");
-    stop_within(sandbox, &command, &run, Signal::Terminate);
+    stop_within(sandbox, &command, &run, Signal::TERM);
     (run, format!("{command} --resume"), expected)
 }
 
@@ -40,7 +41,7 @@ fn stopped_train(sandbox: &Sandbox) -> (RunFiles, String, Reproducible) {
 fn a_signal_saves_and_says_how_to_go_on() {
     let sandbox = Sandbox::new();
     let expected = undisturbed(&sandbox, "ppo");
-    for (signal, out) in [(Signal::Interrupt, "int"), (Signal::Terminate, "term"), (Signal::User1, "usr1")] {
+    for (signal, out) in [(Signal::INT, "int"), (Signal::TERM, "term"), (Signal::USR1, "usr1")] {
         let runs = runs(&sandbox, "ppo", out);
         let command = format!("{} --seeds 0..2 --jobs 1", command("ppo", out));
         let output = stop_within(&sandbox, &command, &runs[0], signal);
@@ -59,18 +60,16 @@ fn a_signal_saves_and_says_how_to_go_on() {
 #[test]
 fn a_second_signal_ends_at_once() {
     let sandbox = Sandbox::new();
-    // Of updates that take so long that two signals come within one.
     let train = |out: &str| {
-        let options = "--timesteps 1280 --set n_epochs=1000 --checkpoint-updates 1";
+        let options = "--timesteps 12800 --set n_epochs=100 --checkpoint-updates 1";
         format!("train --config ppo.yaml --level a.yaml {options} --out {out}")
     };
     let run = |out: &str| RunFiles(sandbox.path(out).join("ppo/level-a/seed-0"));
     sandbox.succeeds(&train("whole"));
-    let mut training = Training::begin(&sandbox, &train("stopped"));
-    training.wait_until(|| snapshots(&run("stopped")).len() == 2);
+    let mut training = Training::begin(&sandbox, &format!("{} --verbose", train("stopped")));
+    (0..2).for_each(|_| _ = training.next_save(&run("stopped")));
     // Of different kinds, since two of one kind can be delivered as one.
-    let kill = format!("kill -TERM {0}; kill -INT {0}", training.id());
-    assert!(Command::new("sh").args(["-c", &kill]).status().expect("there is a shell").success());
+    training.send_at_once(&[Signal::TERM, Signal::INT]);
     let output = training.output();
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{stderr}");

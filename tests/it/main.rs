@@ -10,6 +10,7 @@ mod dqn_schedule;
 mod faults;
 mod fixtures;
 mod limits;
+mod lines;
 mod messages;
 mod numbers;
 mod plasticity;

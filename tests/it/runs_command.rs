@@ -1,18 +1,13 @@
 //! What `cpp-rl runs` says of runs in every state.
 
 use std::fs;
-use std::io::{BufRead, BufReader};
 use std::process::Stdio;
-use std::thread::sleep;
-use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
+use crate::lines::{Lines, ended};
 use crate::sandbox::Sandbox;
 use crate::stops::Training;
-
-/// How long something that takes an instant is waited for.
-const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The row of the run whose path ends so.
 #[track_caller]
@@ -88,17 +83,12 @@ fn every_state_is_told() {
 #[test]
 fn a_live_run_is_told_from_a_killed_one() {
     let sandbox = Sandbox::new();
-    let training = "train --config ppo.yaml --level a.yaml --timesteps 1000000000 --quiet";
-    let training = Training::begin(&sandbox, training);
-    let since = Instant::now();
-    let live = loop {
-        assert!(since.elapsed() < PATIENCE, "no sign of life");
-        let listing = if sandbox.path("runs").exists() { sandbox.json("runs") } else { json!({ "runs": [] }) };
-        match listing["runs"].get(0) {
-            Some(run) if run["mean_return"].is_number() => break run.clone(),
-            _ => sleep(Duration::from_millis(20)),
-        }
-    };
+    let training = "train --config ppo.yaml --level a.yaml --timesteps 1000000000 --checkpoint-updates 1 --verbose";
+    let mut training = Training::begin(&sandbox, training);
+    // An episode has 20 steps at most, and a rollout 64: whatever is saved, some have ended before.
+    training.next_save_of_any();
+    let live = sandbox.json("runs")["runs"][0].clone();
+    assert!(live["mean_return"].is_number(), "{live}");
     assert_eq!((&live["status"], &live["stage"]), (&json!("running"), &json!(0)));
     assert!(live["progress"].as_f64().expect("a number") < 0.5);
     drop(training);
@@ -110,18 +100,13 @@ fn watching_goes_on_until_nobody_reads() {
     let sandbox = Sandbox::new();
     sandbox.succeeds("train --config ppo.yaml --level a.yaml");
     let mut watch = sandbox.command("runs --watch 1").stdout(Stdio::piped()).spawn().expect("the program starts");
-    let mut lines = BufReader::new(watch.stdout.take().expect("a pipe")).lines();
+    let mut lines = Lines::of(watch.stdout.take().expect("a pipe"));
     for _ in 0..2 {
-        let line = lines.find(|line| line.as_ref().is_ok_and(|line| line.contains("finished"))).expect("a list");
-        assert!(!line.expect("text").contains('\x1b'), "a log gets no control characters");
+        let line = lines.wait_for(|line| line.contains("finished").then(|| line.to_owned()));
+        assert!(!line.contains('\x1b'), "a log gets no control characters");
     }
     drop(lines);
-    let since = Instant::now();
-    while watch.try_wait().expect("it is ours").is_none() {
-        assert!(since.elapsed() < PATIENCE, "it prints to nobody");
-        sleep(Duration::from_millis(50));
-    }
-    assert!(watch.wait().expect("it is ours").success());
+    assert!(ended(watch).status.success(), "it ends once nobody reads");
 }
 
 #[test]

@@ -1,12 +1,12 @@
-//! Trainings that are stopped before their end.
+//! Trainings that are stopped before their end. With `--verbose` a training says when it has saved a run: tests wait for
+//! that line, and for nothing else.
 
 use std::fs;
 use std::process::{Child, Command, Output, Stdio};
-use std::thread::sleep;
-use std::time::{Duration, Instant};
 
-use serde_json::Value;
+use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
 
+use crate::lines::{Lines, ended};
 use crate::sandbox::{Reproducible, RunFiles, Sandbox};
 
 /// Timesteps of a stage that is long enough to be stopped in its midst.
@@ -36,42 +36,23 @@ pub fn undisturbed(sandbox: &Sandbox, algo: &str) -> [Reproducible; 2] {
     runs(sandbox, algo, "undisturbed").map(|run| run.reproducible())
 }
 
-/// A signal.
-#[derive(Clone, Copy, Debug)]
-pub enum Signal {
-    Interrupt,
-    Terminate,
-    User1,
-}
-
-impl Signal {
-    /// Sends it.
-    pub fn send(self, training: &Training) {
-        let name = match self {
-            Self::Interrupt => "-INT",
-            Self::Terminate => "-TERM",
-            Self::User1 => "-USR1",
-        };
-        let sent = Command::new("kill").args([name, &training.id().to_string()]).status();
-        assert!(sent.expect("there is kill").success(), "the process was there");
-    }
-}
-
 /// Starts training and sends a signal once `run` is well within its second stage, or its only one; returns what the
 /// training printed.
 #[track_caller]
 pub fn stop_within(sandbox: &Sandbox, command: &str, run: &RunFiles, signal: Signal) -> Output {
-    let mut training = Training::begin(sandbox, command);
-    training.wait_until(|| {
-        let ended = |stages: &[Value]| match stages {
+    let mut training = Training::begin(sandbox, &format!("{command} --verbose"));
+    let mut saved = 0;
+    while saved < 2 {
+        let timesteps = training.next_save(run);
+        // A run has its manifest before it is saved for the first time.
+        let ended = match run.manifest()["stages"].as_array().expect("a list").as_slice() {
             [_only] => 0,
             // PPO ends a stage with its rollout, of less than 100 timesteps here.
             stages => 100 + stages[0]["timesteps"].as_u64().expect("a number"),
         };
-        let within = |name: &String| timesteps(name) > ended(run.manifest()["stages"].as_array().expect("a list"));
-        snapshots(run).len() == 2 && snapshots(run).iter().all(within)
-    });
-    signal.send(&training);
+        saved += u32::from(timesteps > ended);
+    }
+    training.send(signal);
     let output = training.output();
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{stderr}");
@@ -80,42 +61,77 @@ pub fn stop_within(sandbox: &Sandbox, command: &str, run: &RunFiles, signal: Sig
 }
 
 /// A command at work; it ends with the test, however that ends.
-pub struct Training(Option<Child>);
+pub struct Training {
+    child: Option<Child>,
+    /// What it prints to stderr.
+    lines: Lines,
+}
 
 impl Training {
     /// Starts it.
     pub fn begin(sandbox: &Sandbox, command: &str) -> Self {
-        let child = sandbox.command(command).stderr(Stdio::piped()).stdout(Stdio::piped()).spawn();
-        Self(Some(child.expect("it starts")))
+        Self::of(&mut sandbox.command(command))
     }
 
-    /// Its process.
-    pub fn id(&self) -> u32 {
-        self.0.as_ref().expect("it has not been waited for").id()
+    /// Starts a command.
+    pub fn of(command: &mut Command) -> Self {
+        let mut child = command.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().expect("it starts");
+        let lines = Lines::of(child.stderr.take().expect("a pipe"));
+        Self { child: Some(child), lines }
     }
 
-    /// Waits until something holds, which it does before the process ends.
+    fn id(&self) -> Pid {
+        Pid::from_child(self.child.as_ref().expect("it has not been waited for"))
+    }
+
+    /// Waits until a run has been saved once more, which is before the training ends; returns its timesteps by then.
     #[track_caller]
-    pub fn wait_until(&mut self, mut holds: impl FnMut() -> bool) {
-        let child = self.0.as_mut().expect("it has not been waited for");
-        let deadline = Instant::now() + Duration::from_secs(120);
-        while !holds() {
-            assert!(child.try_wait().expect("a child can be asked").is_none(), "it ended too early");
-            assert!(Instant::now() < deadline, "what is waited for comes within two minutes");
-            sleep(Duration::from_millis(1));
+    pub fn next_save(&mut self, run: &RunFiles) -> u64 {
+        loop {
+            let (saved, timesteps) = self.next_save_of_any();
+            if run.0.ends_with(saved) {
+                return timesteps;
+            }
         }
+    }
+
+    /// Waits until some run has been saved; returns its path and its timesteps by then.
+    #[track_caller]
+    pub fn next_save_of_any(&mut self) -> (String, u64) {
+        let said = |line: &str| {
+            let (run, timesteps) = line.strip_suffix(" timesteps")?.split_once(": saved after ")?;
+            Some((run.to_owned(), timesteps.parse().ok()?))
+        };
+        self.lines.wait_for(said)
+    }
+
+    /// Sends a signal.
+    pub fn send(&self, signal: Signal) {
+        kill_process(self.id(), signal).expect("it has not been waited for");
+    }
+
+    /// Sends several signals, so that it does nothing from the first to the last.
+    pub fn send_at_once(&self, signals: &[Signal]) {
+        self.send(Signal::STOP);
+        let (_, status) =
+            waitpid(Some(self.id()), WaitOptions::UNTRACED).expect("it is a child").expect("it is waited for");
+        assert!(status.stopped(), "it ended too early: {status:?}");
+        signals.iter().for_each(|&signal| self.send(signal));
+        self.send(Signal::CONT);
     }
 
     /// Waits for its end; returns what it printed.
     pub fn output(mut self) -> Output {
-        let child = self.0.take().expect("it has not been waited for");
-        child.wait_with_output().expect("it ends")
+        let child = self.child.take().expect("it has not been waited for");
+        let mut output = ended(child);
+        output.stderr = self.lines.rest().into_bytes();
+        output
     }
 }
 
 impl Drop for Training {
     fn drop(&mut self) {
-        if let Some(child) = &mut self.0 {
+        if let Some(child) = &mut self.child {
             // It may have ended on its own.
             let _ = child.kill().and_then(|()| child.wait());
         }

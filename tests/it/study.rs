@@ -1,12 +1,14 @@
 //! A study: many experiments from one queue.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::process::Command;
 
+use rustix::process::Signal;
 use serde_json::json;
 
 use crate::sandbox::{RunFiles, Sandbox};
-use crate::stops::{Signal, Training, snapshots};
+use crate::stops::Training;
 
 /// Two arms, one of them trained in both ways.
 const STUDY: &str = "
@@ -62,10 +64,13 @@ fn a_signal_saves_the_seeds_of_all_experiments() {
     let [a, b, c] = levels.map(|level| sandbox.run(&format!("long/ppo/level-{level}/seed-0")));
     let options = "--seeds 0 --timesteps 30000";
     let command = format!("study study.yaml {options} --checkpoint-updates 8 --jobs 2");
-    let mut training = Training::begin(&sandbox, &command);
+    let mut training = Training::begin(&sandbox, &format!("{command} --verbose"));
     // There is one seed: two threads have work only where they take it from two experiments.
-    training.wait_until(|| [&a, &b].iter().all(|run| snapshots(run).len() == 2));
-    Signal::Terminate.send(&training);
+    let mut saved = BTreeSet::new();
+    while saved.len() < 2 {
+        saved.insert(training.next_save_of_any().0);
+    }
+    training.send(Signal::TERM);
     let output = training.output();
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{stderr}");
