@@ -6,17 +6,23 @@ use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::atomic;
 use super::container::NO_CRC;
 use super::logs::Marks;
+use super::{Plan, atomic};
+use crate::agent::Stage;
+use crate::agent::config::Config;
 use crate::agent::engine;
+use crate::dose::Dose;
 use crate::error::UserError;
 use crate::text_file::{self, TextError};
 
 /// Its name within the run.
 pub const FILE: &str = "manifest.json";
-/// The version of the manifest's fields, which a reader must know.
-pub const FORMAT: u32 = 1;
+/// The version of the manifest's fields, which a reader must know. Format 1 is read as well: it calls `engine` `kernel`, and
+/// its value `libtorch` `autograd`.
+pub const FORMAT: u32 = 2;
+/// The oldest version that is read.
+const OLDEST_FORMAT: u32 = 1;
 
 /// A larger file is none of ours; maps of many stages and a long history of starts fit.
 const MAX_FILE_BYTES: u64 = 1 << 28;
@@ -47,8 +53,9 @@ pub struct Manifest {
     pub config: Map<String, Value>,
     /// What the L2 penalty amounts to.
     pub dose: Value,
-    /// `fused` or `autograd`.
-    pub kernel: String,
+    /// What computes its networks.
+    #[serde(alias = "kernel")]
+    pub engine: Engine,
     /// `cpu` or `cuda:N`.
     pub device: String,
     /// Timesteps between two rows of `plasticity.csv`; 0 for none. It changes nothing else in a run.
@@ -69,6 +76,27 @@ pub struct Manifest {
     pub updated: String,
     /// Seconds spent so far, over all starts.
     pub seconds: f64,
+}
+
+/// What computes the networks of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Engine {
+    /// Gradients derived by hand, on the CPU.
+    Fused,
+    /// libtorch, on any device.
+    #[serde(alias = "autograd")]
+    Libtorch,
+}
+
+impl Engine {
+    /// As manifests record it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fused => "fused",
+            Self::Libtorch => "libtorch",
+        }
+    }
 }
 
 /// How a run stands.
@@ -110,7 +138,7 @@ pub struct Start {
     pub versions: Versions,
     /// The machine.
     pub host: Host,
-    /// The instruction set of its fused kernel: results on another one differ by rounding.
+    /// The instruction set of its fused engine: results on another one differ by rounding.
     pub instruction_set: String,
     /// Timesteps of all stages that had been done.
     pub timesteps: u64,
@@ -178,6 +206,40 @@ impl Start {
 }
 
 impl Manifest {
+    /// That of a run that begins now.
+    pub(super) fn new(plan: &Plan<'_>) -> Self {
+        let Plan { config, curriculum, .. } = *plan;
+        let stage = |stage: &Stage| StageEntry {
+            level: stage.level.name().to_owned(),
+            map: stage.level.to_map(),
+            timesteps: stage.timesteps,
+            horizon: None,
+        };
+        Self {
+            format: FORMAT,
+            status: Status::Running,
+            arm: config.name.clone(),
+            curriculum: curriculum.name.clone(),
+            seed: plan.seed,
+            stages: curriculum.stages.iter().map(stage).collect(),
+            stages_done: 0,
+            marks: Vec::new(),
+            levels: curriculum.levels.iter().map(|level| level.name().to_owned()).collect(),
+            config: config.to_json(),
+            dose: Dose::new(config, curriculum, &Value::Null).to_json(),
+            engine: plan.engine,
+            device: plan.device.clone(),
+            versions: Versions::here(),
+            host: Host::here(),
+            command: plan.command.to_vec(),
+            plasticity_interval: plan.plasticity_interval,
+            starts: Vec::new(),
+            started: now(),
+            updated: now(),
+            seconds: 0.0,
+        }
+    }
+
     /// Asks for more timesteps of the only stage, which is taken up again; schedules keep the horizon they had.
     pub(super) fn extend(&mut self, timesteps: u64) {
         for stage in &mut self.stages {
@@ -212,13 +274,22 @@ impl Manifest {
         let value: Value = serde_json::from_str(&text)
             .map_err(|e| UserError::new(format!("{} is not a manifest of cpp-rl: {e}", path.display())))?;
         match value.get("format").and_then(Value::as_u64) {
-            Some(format) if format != u64::from(FORMAT) => Err(UserError::new(format!(
-                "{}: manifest format {format}; this version of cpp-rl reads format {FORMAT}",
+            Some(format) if !(OLDEST_FORMAT.into()..=FORMAT.into()).contains(&format) => Err(UserError::new(format!(
+                "{}: manifest format {format}; this version of cpp-rl reads formats {OLDEST_FORMAT} to {FORMAT}",
                 path.display()
             ))
             .into()),
-            _ => serde_json::from_value(value)
-                .map_err(|e| UserError::new(format!("{} is not a manifest of cpp-rl: {e}", path.display())).into()),
+            _ => {
+                let mut manifest: Self = serde_json::from_value(value)
+                    .map_err(|e| UserError::new(format!("{} is not a manifest of cpp-rl: {e}", path.display())))?;
+                // What is written from now on has the names of today. Settings that are not possible any more stay as they
+                // are: whoever goes on with the run is told.
+                manifest.format = FORMAT;
+                if let Ok(config) = Config::recorded(&manifest.config) {
+                    manifest.config = config.to_json();
+                }
+                Ok(manifest)
+            }
         }
     }
 

@@ -34,6 +34,7 @@ use crate::agent::network::Network;
 use crate::agent::snapshot::Snapshot;
 use crate::agent::state::AgentState;
 use crate::agent::{Metrics, Stage};
+use crate::curriculum::Curriculum;
 use crate::dose::StageDose;
 use crate::error::UserError;
 use crate::measure::probe::Measurement;
@@ -42,7 +43,7 @@ use checkpoint::{Checkpoint, FileError, Origin};
 use evaluations::{Phase, Row};
 use lock::Lock;
 use logs::{Logs, Mark, Marks, PLASTICITY, PROGRESS, TENSORBOARD};
-use manifest::{Manifest, Start, Status};
+use manifest::{Engine, Manifest, Start, Status};
 use rows::{Columns, When};
 use snapshot::SavedSnapshot;
 use standing::Found;
@@ -60,14 +61,20 @@ const KEPT_SNAPSHOTS: usize = 2;
 /// What a run is to be, as a start asks for it.
 #[derive(Clone, Debug)]
 pub struct Plan<'a> {
-    /// The manifest of a run that begins now.
-    pub manifest: Manifest,
     /// Its settings.
     pub config: &'a Config,
-    /// Its stages.
-    pub stages: &'a [Stage],
-    /// Whether it may be extended after its end, so that the state at its end is kept.
-    pub extensible: bool,
+    /// Its stages, and the levels that it is evaluated on.
+    pub curriculum: &'a Curriculum,
+    /// The seed's number.
+    pub seed: u64,
+    /// What computes its networks.
+    pub engine: Engine,
+    /// Where: `cpu` or `cuda:N`.
+    pub device: String,
+    /// Timesteps between two measurements of plasticity; 0 for none.
+    pub plasticity_interval: u64,
+    /// The command as it was typed.
+    pub command: &'a [String],
     /// Whether a run that is there goes on.
     pub resume: bool,
 }
@@ -134,7 +141,7 @@ impl RunDir {
         for directory in [path, &path.join("checkpoints"), &folder] {
             atomic::sweep(directory).with_context(|| format!("cannot tidy up {}", directory.display()))?;
         }
-        let network = plan.config.network(&plan.stages[0].level);
+        let network = plan.config.network(&plan.curriculum.stages[0].level);
         let Found { standing, marks, seconds, file, damaged, mut notices } =
             standing::find(path, &manifest, plan, &network, extended)?;
         if let Standing::Finished = standing {
@@ -144,11 +151,11 @@ impl RunDir {
             }
         } else {
             notices.extend(set_aside(damaged, &standing)?);
-            let start = Start::here(&plan.manifest.command, standing.timesteps());
+            let start = Start::here(plan.command, standing.timesteps());
             notices.extend(manifest.starts.last().and_then(|last| other_instructions(path, last, &start)));
             manifest.status = Status::Running;
             manifest.command.clone_from(&start.command);
-            manifest.plasticity_interval = plan.manifest.plasticity_interval;
+            manifest.plasticity_interval = plan.plasticity_interval;
             manifest.versions = start.versions.clone();
             manifest.host = start.host.clone();
             manifest.starts.push(start);
@@ -177,7 +184,7 @@ impl RunDir {
             evaluated,
             algorithm: plan.config.algorithm.clone(),
             network,
-            extensible: plan.extensible,
+            extensible: plan.curriculum.extensible,
             newest: file,
             since,
             _lock: lock,

@@ -7,7 +7,6 @@ use serde_json::{Map, Value};
 
 use super::Plan;
 use super::manifest::{self, Manifest, StageEntry};
-use crate::agent::config::Config;
 use crate::error::UserError;
 
 /// The manifest that a run goes on with, and whether it was finished and is to be extended.
@@ -16,7 +15,7 @@ use crate::error::UserError;
 /// A run that is there although none is wanted, or that had other settings.
 pub(super) fn settle(run: &Path, plan: &Plan<'_>) -> Result<(Manifest, bool)> {
     if !run.join(manifest::FILE).exists() {
-        return Ok((plan.manifest.clone(), false));
+        return Ok((Manifest::new(plan), false));
     }
     if !plan.resume {
         let message = "holds a run already: continue it with --resume, or choose another folder with --out";
@@ -24,7 +23,7 @@ pub(super) fn settle(run: &Path, plan: &Plan<'_>) -> Result<(Manifest, bool)> {
     }
     let mut manifest = Manifest::read(run)?;
     refuse_changes(run, &manifest, plan)?;
-    let asked = plan.manifest.stages[0].timesteps;
+    let asked = plan.curriculum.stages[0].timesteps;
     let longer = manifest.stages[0].timesteps < asked;
     let was_finished = usize::from(manifest.stages_done) == manifest.stages.len();
     if longer {
@@ -35,12 +34,11 @@ pub(super) fn settle(run: &Path, plan: &Plan<'_>) -> Result<(Manifest, bool)> {
 
 /// Refuses to continue a run with anything but the settings it began with, or more timesteps where that is possible.
 fn refuse_changes(run: &Path, old: &Manifest, plan: &Plan<'_>) -> Result<()> {
-    let new = &plan.manifest;
+    let new = &Manifest::new(plan);
     let timesteps = |manifest: &Manifest| manifest.stages.iter().map(|stage| stage.timesteps).sum::<u64>();
-    let extended = plan.extensible && old.stages.len() == new.stages.len() && timesteps(old) < timesteps(new);
-    // Of an earlier version, in today's words.
-    let recorded = Config::recorded(&old.config).map_or_else(|_| old.config.clone(), |config| config.to_json());
-    let mut changes = differences(&recorded, &new.config);
+    let extended =
+        plan.curriculum.extensible && old.stages.len() == new.stages.len() && timesteps(old) < timesteps(new);
+    let mut changes = differences(&old.config, &new.config);
     changes.retain(|change| !(extended && change.starts_with("timesteps: ")));
     let same = |(old, new): (&StageEntry, &StageEntry)| {
         (&old.level, &old.map) == (&new.level, &new.map) && (extended || old.timesteps == new.timesteps)
@@ -50,10 +48,8 @@ fn refuse_changes(run: &Path, old: &Manifest, plan: &Plan<'_>) -> Result<()> {
         let (old, new) = (list(old).join(", "), list(new).join(", "));
         changes.push(format!("stages: {old} → {new}{}", if old == new { " (a map has changed)" } else { "" }));
     }
-    let seeds = [old.seed, new.seed].map(|seed| seed.to_string());
-    let others =
-        [("seed", &seeds[0], &seeds[1]), ("engine", &old.kernel, &new.kernel), ("device", &old.device, &new.device)];
-    for (key, old, new) in others {
+    let others = |m: &Manifest| [m.seed.to_string(), m.engine.name().to_owned(), m.device.clone()];
+    for (key, (old, new)) in ["seed", "engine", "device"].into_iter().zip(others(old).into_iter().zip(others(new))) {
         if old != new {
             changes.push(format!("{key}: {old} → {new}"));
         }

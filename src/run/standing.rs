@@ -74,7 +74,7 @@ pub(super) fn find(
 ) -> Result<Found> {
     let done = manifest.stages_done;
     let mut damaged = Vec::new();
-    if let Some(stage) = plan.stages.get(usize::from(done)) {
+    if let Some(stage) = plan.curriculum.stages.get(usize::from(done)) {
         for timesteps in snapshot::list(run).with_context(|| format!("cannot list {}", run.display()))? {
             let file = snapshot::path(run, timesteps);
             let saved = match SavedSnapshot::read(&file, network) {
@@ -113,7 +113,7 @@ pub(super) fn find(
         return Ok(Found { standing, marks, seconds: None, file: None, damaged, notices: Vec::new() });
     };
     let agent = last_agent(run, last, manifest, plan, network)?;
-    let finished = usize::from(done) == plan.stages.len();
+    let finished = usize::from(done) == plan.curriculum.stages.len();
     let marks = match manifest.marks.get(usize::from(last)) {
         Some(marks) => marks.clone(),
         None if finished => Marks::new(),

@@ -15,15 +15,12 @@ use std::thread::{self, ScopedJoinHandle};
 use anyhow::{Error, Result, anyhow};
 use coverage_env::Level;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
-use serde_json::Value;
 
-use crate::agent::Stage;
 use crate::agent::config::Config;
 use crate::agent::engine::EngineKind;
 use crate::curriculum::Curriculum;
-use crate::dose::Dose;
 use crate::run::evaluations::Row;
-use crate::run::manifest::{self, Host, Manifest, StageEntry, Status, Versions, now};
+use crate::run::manifest::Engine;
 use crate::run::{Plan, RunDir};
 use saving::{Saving, Stop};
 
@@ -241,44 +238,16 @@ impl Experiment {
 
     /// What the run of a seed is to be.
     fn plan(&self, seed: u64) -> Plan<'_> {
+        let engine = if self.engine.joins_seeds() { Engine::Libtorch } else { Engine::Fused };
         Plan {
-            manifest: self.manifest(seed),
             config: &self.config,
-            stages: &self.curriculum.stages,
-            extensible: self.curriculum.extensible,
-            resume: self.resume,
-        }
-    }
-
-    fn manifest(&self, seed: u64) -> Manifest {
-        let stage = |stage: &Stage| StageEntry {
-            level: stage.level.name().to_owned(),
-            map: stage.level.to_map(),
-            timesteps: stage.timesteps,
-            horizon: None,
-        };
-        Manifest {
-            format: manifest::FORMAT,
-            status: Status::Running,
-            arm: self.config.name.clone(),
-            curriculum: self.curriculum.name.clone(),
+            curriculum: &self.curriculum,
             seed,
-            stages: self.curriculum.stages.iter().map(stage).collect(),
-            stages_done: 0,
-            marks: Vec::new(),
-            levels: self.curriculum.levels.iter().map(|level| level.name().to_owned()).collect(),
-            config: self.config.to_json(),
-            dose: Dose::new(&self.config, &self.curriculum, &Value::Null).to_json(),
-            kernel: self.engine.name().to_owned(),
+            engine,
             device: self.engine.device().to_string(),
-            versions: Versions::here(),
-            host: Host::here(),
-            command: self.command.clone(),
             plasticity_interval: self.plasticity_interval,
-            starts: Vec::new(),
-            started: now(),
-            updated: now(),
-            seconds: 0.0,
+            command: &self.command,
+            resume: self.resume,
         }
     }
 }

@@ -10,7 +10,7 @@ use coverage_env::planner::Optimal;
 use cpp_rl::evaluate::{self, Starts};
 use cpp_rl::report::analysis::{Analysis, LevelContrast, Protocol};
 use cpp_rl::report::{Format, export, tables};
-use cpp_rl::run::manifest::{Host, Manifest, StageEntry, Start, Status, Versions};
+use cpp_rl::run::manifest::{Engine, Host, Manifest, StageEntry, Start, Status, Versions};
 use rl_stats::{Interval, Time};
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -128,7 +128,7 @@ impl Fake {
             levels: self.levels.iter().map(|level| (*level).to_owned()).collect(),
             config: config.as_object().expect("an object").clone(),
             dose: Value::Null,
-            kernel: "fused".to_owned(),
+            engine: Engine::Fused,
             device: "cpu".to_owned(),
             plasticity_interval: 0,
             versions,

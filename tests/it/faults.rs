@@ -10,7 +10,7 @@ use serde_json::json;
 
 use crate::arbitrary::with_header;
 use crate::sandbox::{Reproducible, RunFiles, Sandbox};
-use crate::stops::{Training, command, runs, snapshots, stop_within, undisturbed};
+use crate::stops::{Training, command, command_of, runs, snapshots, stop_within, undisturbed};
 
 /// A run that was stopped in its second stage, the command that goes on with it, and what it must end with.
 fn stopped(sandbox: &Sandbox, algo: &str) -> (RunFiles, String) {
@@ -328,8 +328,32 @@ fn an_older_manifest_is_read_and_a_newer_one_refused() {
     });
     sandbox.succeeds(&format!("{train} --resume"));
     sandbox.succeeds("eval runs/train/ppo/level-a/seed-0");
-    run.rewrite_manifest(|manifest| manifest["format"] = 2.into());
-    assert!(sandbox.fails(2, &format!("{train} --resume")).contains("manifest format 2"));
+    run.rewrite_manifest(|manifest| manifest["format"] = 3.into());
+    assert!(sandbox.fails(2, &format!("{train} --resume")).contains("manifest format 3"));
+}
+
+/// Format 1 has `kernel`, which is `fused` or `autograd`.
+#[test]
+fn a_run_with_a_manifest_of_format_1_goes_on() {
+    let sandbox = Sandbox::new();
+    for (kernel, engine) in [("fused", "fused"), ("autograd", "libtorch")] {
+        let command = format!("{} --set kernel={kernel} --seeds 0", command_of("ppo", kernel, 256));
+        sandbox.succeeds(&command);
+        let [run, _] = runs(&sandbox, "ppo", kernel);
+        let expected = run.reproducible();
+        run.unfinish(1);
+        run.rewrite_manifest(|manifest| {
+            let fields = manifest.as_object_mut().expect("an object");
+            assert_eq!(fields.remove("engine"), Some(json!(engine)));
+            fields.insert("kernel".to_owned(), json!(kernel));
+            fields.insert("format".to_owned(), json!(1));
+        });
+        sandbox.succeeds(&format!("{command} --resume"));
+        run.reproducible().assert_same(&expected);
+        let manifest = run.manifest();
+        assert_eq!((&manifest["format"], &manifest["engine"]), (&json!(2), &json!(engine)));
+        assert_eq!(manifest["kernel"], json!(null));
+    }
 }
 
 #[test]

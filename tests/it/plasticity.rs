@@ -77,7 +77,7 @@ fn networks_measure_what_pytorch_computes() {
         }
         let [before, after] = ["before", "after"]
             .map(|key| floats(&network[key]).iter().map(|&parameter| parameter as f32).collect::<Vec<_>>());
-        let probe = Probe::new(config.network(&level), states);
+        let probe = Probe::new(config.network(&level), config.algorithm.outputs(), states);
         let mut measured = probe.measure(&before, &after, 0.25).measures;
         assert_eq!(measured.remove(0), ("plasticity/grad_norm".to_owned(), 0.25));
         // The forward pass has 24 bits, theirs 53; what is counted is counted the same.

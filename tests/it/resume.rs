@@ -6,12 +6,12 @@ use std::sync::Arc;
 
 use coverage_env::Level;
 use coverage_env::random::below;
-use cpp_rl::agent::network::{Layout, Network};
-use cpp_rl::random::{Purpose, Stream};
-use cpp_rl::agent::state::AgentState;
-use cpp_rl::agent::engine::EngineKind;
-use cpp_rl::agent::{self, Stage};
 use cpp_rl::agent::config;
+use cpp_rl::agent::engine::EngineKind;
+use cpp_rl::agent::network::{Layout, Network};
+use cpp_rl::agent::state::AgentState;
+use cpp_rl::agent::{self, Stage};
+use cpp_rl::random::{Purpose, Stream};
 use cpp_rl::run::checkpoint::Checkpoint;
 use rustix::process::Signal;
 

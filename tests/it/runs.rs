@@ -35,7 +35,8 @@ fn a_run_has_the_files_of_the_design() {
         ("seed", json!(3)),
         ("stages_done", json!(2)),
         ("levels", json!(["a", "b"])),
-        ("kernel", json!("fused")),
+        ("format", json!(2)),
+        ("engine", json!("fused")),
         ("device", json!("cpu")),
     ];
     for (key, value) in fixed {
@@ -143,7 +144,7 @@ fn both_engines_train_alike() {
             let command = format!("train --config {algo}.yaml --level b.yaml --timesteps 128 --seeds 0..2 --jobs 1");
             sandbox.succeeds(&format!("{command} --set engine={engine} --out {engine}"));
             let run = RunFiles(sandbox.path(engine).join(algo).join("level-b/seed-1"));
-            assert_eq!(run.manifest()["kernel"], json!(engine));
+            assert_eq!(run.manifest()["engine"], json!(engine));
             run.progress()
         };
         let (fused, libtorch) = (train("fused"), train("libtorch"));

@@ -14,7 +14,7 @@ use coverage_env::Action;
 
 use super::{Head, Hidden, Layer, Sample, Units, Update, columns};
 use crate::agent::greedy;
-use crate::agent::network::{Network, NetworkKind, Tower};
+use crate::agent::network::{Network, Outputs, Tower};
 
 /// What one measurement tells of an agent.
 #[derive(Debug, Default)]
@@ -29,14 +29,16 @@ pub struct Measurement {
 #[derive(Debug)]
 pub struct Probe {
     network: Network,
+    /// What those of its acting tower mean.
+    outputs: Outputs,
     /// The reference batch of N states.
     states: BitBatch,
 }
 
 impl Probe {
     /// One for networks like this, on these states.
-    pub fn new(network: Network, states: BitBatch) -> Self {
-        Self { network, states }
+    pub fn new(network: Network, outputs: Outputs, states: BitBatch) -> Self {
+        Self { network, outputs, states }
     }
 
     /// Measures an agent whose update took its parameters from `before` to `after`, `[P]` each.
@@ -54,7 +56,7 @@ impl Probe {
             greedy_after: greedy_actions(&outputs),
             outputs,
             actions: Action::COUNT,
-            head: head(self.network.kind()),
+            head: head(self.outputs),
             grad_norm,
         };
         let (mut layers, mut distributions) = (Vec::new(), Vec::new());
@@ -97,10 +99,10 @@ fn greedy_actions(outputs: &[f32]) -> Vec<usize> {
 }
 
 /// What measures call the outputs of a network.
-fn head(kind: NetworkKind) -> Head {
-    match kind {
-        NetworkKind::ActorCritic => Head::Logits,
-        NetworkKind::QNetwork => Head::Values,
+fn head(outputs: Outputs) -> Head {
+    match outputs {
+        Outputs::Logits => Head::Logits,
+        Outputs::Values => Head::Values,
     }
 }
 

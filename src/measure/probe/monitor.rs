@@ -35,7 +35,7 @@ impl Monitor {
     pub fn new(interval: u64, config: &Config, stage: &Stage) -> Option<Self> {
         let probe = || {
             let states = reference_batch(&stage.level, config.max_steps);
-            Probe::new(config.network(&stage.level), states)
+            Probe::new(config.network(&stage.level), config.algorithm.outputs(), states)
         };
         let schedule = Schedule { interval, timesteps: stage.timesteps };
         (interval > 0).then(|| Self { probe: probe(), schedule })

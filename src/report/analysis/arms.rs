@@ -63,7 +63,7 @@ impl Run {
     fn settings(&self) -> Map<String, Value> {
         let m = &self.manifest;
         let mut settings = m.config.clone();
-        settings.insert("kernel".to_owned(), m.kernel.clone().into());
+        settings.insert("engine".to_owned(), m.engine.name().into());
         settings.insert("device".to_owned(), m.device.clone().into());
         // A run that was extended is not one that was as long from the start: its schedules span less.
         if let Some(horizon) = m.stages.iter().find_map(|stage| stage.horizon) {
