@@ -1,7 +1,29 @@
-//! Loss of plasticity in reinforcement learning on coverage path planning.
+//! Research on loss of plasticity in reinforcement learning, on coverage path planning: an agent on a grid visits every
+//! target in as few moves as it can, and is trained on one level after another.
 //!
-//! Dependencies point downwards only: `cli` → `study`, `training`, `report` → `run` → `measure`, `curriculum`,
-//! `evaluate` → `agent` → `config` → the crates that know nothing of this one.
+//! This is the library under the program `cpp-rl`. README.md shows the program, and ARCHITECTURE.md the rooms of the code.
+//!
+//! # Where to begin
+//!
+//! | to read | begin with |
+//! |---|---|
+//! | how an agent is trained | [`training::train`], which trains [`training::Experiment`]s; then [`agent`] |
+//! | what is trained | [`agent::config::resolve`] for the settings, [`curriculum`] for the levels, [`study`] for many arms |
+//! | what a run leaves on disk | [`run::RunDir`]; [`run::checkpoint`] for an agent, [`run::manifest`] for what ran |
+//! | what is measured | [`evaluate`] for returns, [`measure`] for networks |
+//! | what runs say | [`report`] |
+//! | the command line | [`cli`]: one module for each subcommand |
+//!
+//! The environment is the crate `coverage_env`. The arithmetic of the fused engine is `bit_mlp`, statistics are `rl_stats`,
+//! TensorBoard's files are `event_file`, and figures are `charts`. None of them knows this crate.
+//!
+//! # Rules
+//!
+//! - Dependencies point downwards only: `cli` → `study`, `training`, `report` → `run` → `measure`, `curriculum`,
+//!   `evaluate` → `agent` → `config`, [`random`] → the crates. The crate `torch_engine` stands above: it brings libtorch.
+//! - Only [`run`] writes below `runs/`, and only [`agent`] knows how networks are computed.
+//! - Random numbers come from one stream for each seed, stage and purpose. With the fused engine a seed's results are the
+//!   same bytes, whatever runs beside it.
 
 pub mod agent;
 pub mod cli;
