@@ -14,6 +14,7 @@ mod lines;
 mod messages;
 mod numbers;
 mod plasticity;
+mod prose;
 mod replay;
 mod report;
 mod results;
