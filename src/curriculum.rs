@@ -16,7 +16,7 @@ pub struct Curriculum {
     pub stages: Vec<Stage>,
     /// The levels to evaluate on.
     pub levels: Vec<Arc<Level>>,
-    /// Whether a run may go on to more timesteps than it began with. Not with stages after: they would begin otherwise.
+    /// Whether a run may be extended to more timesteps. Only a single stage may: a later stage began where it ended.
     pub extensible: bool,
 }
 
@@ -44,7 +44,7 @@ impl Curriculum {
         for (i, level) in levels.iter().enumerate() {
             if (level.height(), level.width()) != (first.height(), first.width()) {
                 return Err(UserError::new(format!(
-                    "levels of one curriculum share their size, but level {} is {}×{} and level {} is {}×{}",
+                    "all levels of a curriculum must have the same size, but level {} is {}×{} and level {} is {}×{}",
                     first.name(),
                     first.height(),
                     first.width(),
@@ -54,10 +54,7 @@ impl Curriculum {
                 )));
             }
             if levels[..i].iter().any(|other| other.name() == level.name()) {
-                return Err(UserError::new(format!(
-                    "level {} stands twice in the curriculum: give each level once",
-                    level.name()
-                )));
+                return Err(UserError::new(format!("level {} is listed twice: give each level once", level.name())));
             }
         }
         if levels.len() > usize::from(u16::MAX) {

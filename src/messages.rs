@@ -1,4 +1,4 @@
-//! Messages to whoever watches: `tracing` events, written to stderr as lines that no progress bar overwrites.
+//! Messages on stderr: `tracing` events, written as lines that no progress bar overwrites.
 
 use std::cell::Cell;
 use std::fmt::{self, Display};
@@ -43,7 +43,7 @@ pub fn show(verbosity: Verbosity) {
     let _ = messages.event_format(Terse).with_writer(|| Stderr).try_init();
 }
 
-/// Says something to whoever watches, unless less is to be shown.
+/// Prints a message, unless only warnings are shown.
 pub fn tell(line: impl Display) {
     tracing::info!("{line}");
 }
@@ -91,7 +91,7 @@ struct Stderr;
 
 impl Write for Stderr {
     fn write(&mut self, message: &[u8]) -> io::Result<usize> {
-        // That it cannot be written (a log on a full disk, a terminal that is gone) is no reason to end a training.
+        // A message that cannot be written (to a full disk, or a closed terminal) must not end a training.
         let _ = past_bars(|| io::stderr().write_all(message));
         Ok(message.len())
     }

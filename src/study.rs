@@ -225,7 +225,7 @@ mod tests {
             (with("[0]", "  - {algo: ppo, trains: []}\n"), "study.yaml:4:5: trains"),
             (with("[0]", "  - {algo: ppo, trains: [twice]}\n"), "study.yaml:4"),
             (with("[0]", &one.repeat(2)), "study.yaml:5:5: the arm ppo stands twice"),
-            (with("[0, 0]", one), "study.yaml:2:9: levels: level 0 stands twice"),
+            (with("[0, 0]", one), "study.yaml:2:9: levels: level 0 is listed twice"),
             (with("[]", one), "study.yaml:2:9: levels: a curriculum needs at least one level"),
             (with("[0, 9]", one), "study.yaml:2:13: 9: neither a built-in level"),
             (with("[0, absent.yaml]", one), "study.yaml:2:13: absent.yaml: cannot be read"),

@@ -36,7 +36,7 @@ pub struct BaselineArgs {
 /// The planners.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Policy {
-    /// Greedy A*: to the nearest target left, again and again (the study's gold standard).
+    /// Greedy A*: to the nearest target left, again and again (the paper's "gold standard").
     Astar,
     /// The best return possible, proved.
     Optimal,

@@ -19,7 +19,7 @@ use crate::training::{Event, Experiment};
 /// The stage whose table the study prints: the one on this level.
 const STUDY_LEVEL: &str = "3";
 
-/// Train agents on one level after another and print the study's tables.
+/// Train agents on one level after another and print the paper's tables.
 #[derive(Debug, Args)]
 pub struct CurriculumArgs {
     #[command(flatten)]

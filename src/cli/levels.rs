@@ -20,7 +20,7 @@ pub struct LevelsArgs {
 
 #[derive(Debug, Subcommand)]
 enum Action {
-    /// List the built-in levels, the study's.
+    /// List the built-in levels, which are the paper's.
     List {
         /// How the list is printed.
         #[arg(long, value_enum, default_value_t = Format::Table)]
@@ -59,7 +59,7 @@ enum Action {
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
-    /// Draw levels side by side (the study's Figure 1): targets green, walls black.
+    /// Draw levels side by side (the paper's Figure 1): targets green, walls black.
     Draw {
         /// Levels: ids, ranges such as 0..5, or paths, separated by commas.
         #[arg(long, value_name = "SPEC", default_value = "0..5")]

@@ -31,7 +31,7 @@ use crate::run::checkpoint::CheckpointError;
 /// The most seeds of one command.
 const MAX_SEEDS: u64 = 10_000;
 
-/// Study loss of plasticity in reinforcement learning on coverage path planning.
+/// Research on loss of plasticity in reinforcement learning, on coverage path planning.
 #[derive(Debug, Parser)]
 #[command(name = "cpp-rl", version, propagate_version = true, max_term_width = 110)]
 pub struct Cli {
@@ -47,7 +47,7 @@ struct VerbosityArgs {
     /// Show less: no progress, warnings and failures only.
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
-    /// Show more: the resolved settings first, and each stage's end.
+    /// Show more: all settings first, then each save and each stage's end.
     #[arg(short, long, global = true)]
     verbose: bool,
 }
@@ -63,7 +63,7 @@ impl Cli {
     }
 }
 
-/// The process's exit code for an error: 2 where the user's input is wrong, 130 after a signal, 1 for anything else.
+/// The process's exit code for an error: 2 for wrong input, 130 after a signal, 1 for anything else.
 pub fn exit_code(error: &anyhow::Error) -> i32 {
     if error.chain().any(|e| e.is::<Interrupted>()) {
         return 130;
@@ -87,9 +87,9 @@ fn is_of_user(error: &anyhow::Error) -> bool {
 pub enum Command {
     /// Train agents on one level.
     Train(train::TrainArgs),
-    /// Train agents on one level after another and print the study's tables.
+    /// Train agents on one level after another and print the paper's tables.
     Curriculum(curriculum::CurriculumArgs),
-    /// Train every arm of a study, through its levels and on each of them afresh: by default the published one.
+    /// Train every arm of a study file, through its levels and on each from scratch [default: the paper's arms].
     Study(study::StudyArgs),
     /// Evaluate checkpoints.
     Eval(eval::EvalArgs),
@@ -97,13 +97,13 @@ pub enum Command {
     Baseline(baseline::BaselineArgs),
     /// List runs, live ones included: status, progress, return.
     Runs(runs::RunsArgs),
-    /// Lay runs side by side (the study's Table 5).
+    /// Compare runs: tables (the paper's Table 5), statistics and figures.
     Compare(compare::CompareArgs),
     /// List, show, check, generate or draw levels.
     Levels(levels::LevelsArgs),
 }
 
-/// Where episodes of an evaluation start.
+/// Where the episodes of an evaluation start.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct StartArgs {
     /// One episode from every start cell (the default).
@@ -112,7 +112,7 @@ pub struct StartArgs {
     /// This many episodes per level from drawn start cells instead.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     episodes: Option<u32>,
-    /// Seed of the drawn start cells and of random actions; never a training's stream.
+    /// Seed of the drawn start cells and of random actions; training uses other random numbers.
     #[arg(long, value_name = "S", default_value_t = 0)]
     seed: u64,
 }
@@ -141,7 +141,7 @@ pub fn parse_numbers(spec: &str) -> Result<Vec<u64>, String> {
         let range = match part.split_once("..") {
             Some((from, to)) => match number(from)?..number(to)? {
                 range if range.is_empty() => {
-                    return Err(format!("{part:?} is an empty range; 0..10 are the ten numbers from 0 to 9"));
+                    return Err(format!("{part:?} is an empty range; 0..10 means the ten numbers from 0 to 9"));
                 }
                 range => range.start..=range.end - 1,
             },
@@ -210,14 +210,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn specs_list_identities() {
+    fn specs_list_numbers() {
         assert_eq!(parse_numbers("4"), Ok(vec![4]));
         assert_eq!(parse_numbers("0,2,5"), Ok(vec![0, 2, 5]));
         assert_eq!(parse_numbers("0..3, 7,1"), Ok(vec![0, 1, 2, 7]));
         assert_eq!(parse_numbers("18446744073709551615"), Ok(vec![u64::MAX]));
         let most = |spec| parse_numbers(spec).map(|numbers| numbers.len());
         assert_eq!(most("0..10000"), Ok(10_000));
-        assert_eq!(most("0..10000,0,5..9"), Ok(10_000), "a number that stands twice is one");
+        assert_eq!(most("0..10000,0,5..9"), Ok(10_000), "a number that is listed twice counts once");
         assert_eq!(most("0..5000,18446744073709546615..18446744073709551615"), Ok(10_000));
         for wrong in ["", "a", "3..3", "5..2", "1,,2", "-1", "18446744073709551615..", "1..2..3"] {
             assert!(parse_numbers(wrong).is_err(), "{wrong}");

@@ -16,13 +16,13 @@ use crate::report::runs::Listing;
 /// Lines of the screen that are not rows: head, rule, summary, and the cursor's.
 const LINES_BESIDE: usize = 4;
 
-/// List runs: how they stand, how far they are, and what they earn.
+/// List runs: status, progress and return.
 #[derive(Debug, Args)]
 pub struct RunsArgs {
-    /// A folder of runs at any depth up to four, or a run's directory.
+    /// A run's directory, or a folder with runs in it, at most four folders deep.
     #[arg(value_name = "DIR", default_value = "runs")]
     directory: PathBuf,
-    /// List again every so many seconds [default: 2] until interrupted, what runs first.
+    /// List again every SECONDS [default: 2] until interrupted, running ones first.
     #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "2",
           value_parser = clap::value_parser!(u32).range(1..=86_400))]
     watch: Option<u32>,

@@ -12,8 +12,8 @@ use crate::training::saving::Stop;
 /// The exit code of an interrupted training.
 const EXIT_CODE: i32 = 130;
 
-/// A stop that is requested by the first SIGINT, SIGTERM or SIGUSR1; schedulers send these before they kill. A second
-/// one ends the process at once.
+/// A stop that the first SIGINT, SIGTERM or SIGUSR1 requests. Schedulers send these before they kill. A second signal
+/// ends the process at once.
 ///
 /// # Errors
 /// Those of the operating system.
@@ -25,7 +25,7 @@ pub(super) fn stop() -> Result<Stop> {
             flag::register_conditional_shutdown(signal, EXIT_CODE, stop.0.clone())?;
             flag::register(signal, stop.0.clone())?;
         }
-        // A file that may not grow further is then an error of the write, which says more than this signal's death.
+        // Without this the signal would end the process. Now the write fails, and its error names the file.
         flag::register(SIGXFSZ, Arc::default()).map(|_| ())
     };
     register().context("cannot handle signals")?;

@@ -19,22 +19,22 @@ use crate::study::{Study, measure_rate};
 use crate::training::progress::count_seeds;
 use crate::training::{Experiment, Work, queue, seconds_until_done};
 
-/// Train every arm of a study, through its levels and on each of them afresh.
+/// Train every arm of a study file, through its levels and on each of them from scratch.
 #[derive(Debug, Args)]
 pub struct StudyArgs {
-    /// The study's file; configs/paper.yaml is one [default: that one, the published study with its controls].
+    /// The study file [default: configs/paper.yaml, which has the paper's arms and their controls].
     #[arg(value_name = "FILE")]
     file: Option<PathBuf>,
     /// How many seeds each arm has: 0 to N − 1.
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     num_seeds: u64,
-    /// The seeds by number instead: 4, or 0,2,5, or 0..10 for the ten from 0 to 9.
+    /// The seeds instead: 4, or 0,2,5, or 0..10 for the ten from 0 to 9.
     #[arg(long, value_name = "SPEC", conflicts_with = "num_seeds")]
     seeds: Option<Seeds>,
-    /// Timesteps per stage and seed, for all arms [default: those of each preset, as in the study].
+    /// Timesteps per stage and seed, for all arms [default: those of each preset, as in the paper].
     #[arg(long, value_name = "N")]
     timesteps: Option<u64>,
-    /// Say what would be trained and how long it would take, and train nothing.
+    /// Only say what would be trained and how long it would take.
     #[arg(long)]
     estimate: bool,
     #[command(flatten)]

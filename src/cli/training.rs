@@ -24,39 +24,40 @@ use crate::training::{self, Event, Experiment, Outcome, run_label};
 /// Arguments of a training of one arm.
 #[derive(Clone, Debug, Args)]
 pub struct TrainingArgs {
-    /// The preset: dqn, ppo, ppo-eps, ppo-l2, ppo-l2-dohare, …; may be left out where --config says it.
+    /// The preset: dqn, ppo, ppo-eps, ppo-l2, ppo-l2-dohare, …; not needed where --config names one.
     #[arg(long, value_name = "NAME")]
     algo: Option<String>,
-    /// Timesteps per stage and seed [default: the preset's, as in the study].
+    /// Timesteps per stage and seed [default: the preset's, as in the paper].
     #[arg(long, value_name = "N")]
     timesteps: Option<u64>,
     /// Seeds, one run each: 4, or 0,2,5, or 0..10 for the ten from 0 to 9.
     #[arg(long, value_name = "SPEC", default_value = "0")]
     seeds: Seeds,
-    /// A YAML file of settings on top of the preset; a run's config.yaml is one.
+    /// A YAML file of settings, which replace the preset's; a run's config.yaml is such a file.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// One setting on top of preset and file; may be given many times.
+    /// One setting, which replaces the preset's and the file's; may be given many times.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     #[command(flatten)]
     launch: LaunchArgs,
 }
 
-/// How a training is carried out. With the fused kernel nothing here changes what a seed learns; with autograd the device
-/// does, and the number of threads, which decides how many seeds are stacked: both by rounding.
+/// How a training is carried out. With the fused engine nothing here changes what a seed learns. With the libtorch engine
+/// two things change it by rounding: the device, and the number of threads, which decides how many seeds are computed
+/// together.
 #[derive(Clone, Debug, Args)]
 pub struct LaunchArgs {
     /// The experiment's folder [default: runs/<command>].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Go on with runs that are there already, each exactly where it was saved last; start those that are not.
+    /// Continue existing runs, each exactly where it was saved last; start the others.
     #[arg(long)]
     resume: bool,
     /// Save running stages after every N updates (rollouts of PPO, 2,048 timesteps of DQN).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     checkpoint_updates: Option<u64>,
-    /// Save running stages every T minutes; 0 for not [default: 2, or 0 with --checkpoint-updates].
+    /// Save running stages every T minutes; 0 for never [default: 2, or 0 with --checkpoint-updates].
     #[arg(long, value_name = "T", value_parser = parse_minutes)]
     checkpoint_minutes: Option<Minutes>,
     /// Where networks are computed: cpu, cuda or cuda:N.

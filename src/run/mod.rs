@@ -1,8 +1,8 @@
 //! A run's directory: the only code that writes under `runs/`.
 //!
-//! What survives a kill is the newest of a run's snapshots (`checkpoints/latest/`) and stage checkpoints. Each says how
-//! far the logs had grown; on resume they are cut back to that, and what comes after is made anew, byte by byte. All
-//! other files appear whole or not at all. docs/reliability.md tells it for users.
+//! After a kill a run is continued from its newest snapshot (`checkpoints/latest/`) or stage checkpoint. Each says how far
+//! the logs had grown. On resume the logs are cut back to that, and what follows is written again with the same bytes.
+//! All other files appear whole or not at all. docs/reliability.md explains it for users.
 
 mod agent_file;
 mod atomic;
@@ -75,7 +75,7 @@ pub struct Plan<'a> {
     pub plasticity_interval: u64,
     /// The command as it was typed.
     pub command: &'a [String],
-    /// Whether a run that is there goes on.
+    /// Whether an existing run is continued.
     pub resume: bool,
 }
 
@@ -117,8 +117,8 @@ pub fn stage_checkpoint(run: &Path, stage: u16) -> PathBuf {
 }
 
 impl RunDir {
-    /// Looks whether a run could be opened, without making anything: what is wrong with one of many is better known
-    /// before the first begins.
+    /// Checks whether a run could be opened, without writing anything: an error in one of many runs should be known
+    /// before the first of them begins.
     ///
     /// # Errors
     /// A run that is there already, is held by another process, or had other settings.
@@ -288,7 +288,7 @@ impl RunDir {
         self.tensorboard(&tensorboard::evaluation(cumulative, results))
     }
 
-    /// Saves a run in the midst of a stage, which goes on from there if the process ends.
+    /// Saves a run within a stage. If the process ends, the run continues from there.
     ///
     /// # Errors
     /// Those of the file system; what was saved before is then still whole.
@@ -357,9 +357,9 @@ impl RunDir {
     /// # Errors
     /// Those of the file system.
     pub fn fail(&mut self, why: &str) -> Result<()> {
-        // What ended it may keep this from being written too; the manifest is what counts.
+        // What ended the run may also prevent this write. The manifest is what counts.
         let _ = self.tensorboard(&tensorboard::end(SessionStatus::Failure));
-        // Others may have to open files for as long as this process lives.
+        // Other runs of this process need open files too.
         self.logs = Logs::closed(&self.path);
         self.manifest.status = Status::Failed(why.to_owned());
         self.write_manifest()
@@ -400,8 +400,8 @@ impl RunDir {
 /// Puts the damaged snapshots aside that were passed over; returns what to say of each.
 fn set_aside(damaged: Vec<(PathBuf, FileError)>, standing: &Standing) -> Result<Vec<String>> {
     let instead = match standing {
-        Standing::Fresh => "the run begins anew",
-        _ => "the run goes on from what was saved before it",
+        Standing::Fresh => "the run starts from its beginning",
+        _ => "the run goes on from an older save",
     };
     let each = damaged.into_iter().map(|(file, problem)| {
         let aside = snapshot::set_aside(&file).with_context(|| format!("cannot rename {}", file.display()))?;
@@ -410,7 +410,7 @@ fn set_aside(damaged: Vec<(PathBuf, FileError)>, standing: &Standing) -> Result<
     each.collect()
 }
 
-/// Refuses a directory with checkpoints of a run but without its manifest: to begin there would destroy them.
+/// Refuses a directory with a run's checkpoints but without its manifest: a new run would overwrite them.
 fn refuse_lost_manifest(run: &Path) -> Result<()> {
     let snapshots = snapshot::list(run).with_context(|| format!("cannot list {}", run.display()))?;
     if run.join(manifest::FILE).exists() || (snapshots.is_empty() && !stage_checkpoint(run, 0).exists()) {

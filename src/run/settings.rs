@@ -1,4 +1,4 @@
-//! Whether a run may go on with the settings that a start asks for.
+//! Whether a run may be continued with the settings that a start asks for.
 
 use std::path::Path;
 
@@ -9,10 +9,10 @@ use super::Plan;
 use super::manifest::{self, Manifest, StageEntry};
 use crate::error::UserError;
 
-/// The manifest that a run goes on with, and whether it was finished and is to be extended.
+/// The manifest that a run continues with, and whether the run was finished and is to be extended.
 ///
 /// # Errors
-/// A run that is there although none is wanted, or that had other settings.
+/// A run that exists although a new one is wanted, or that had other settings.
 pub(super) fn settle(run: &Path, plan: &Plan<'_>) -> Result<(Manifest, bool)> {
     if !run.join(manifest::FILE).exists() {
         return Ok((Manifest::new(plan), false));

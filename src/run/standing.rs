@@ -24,7 +24,7 @@ pub enum Standing {
     Fresh,
     /// After a stage, with this agent.
     Between(Box<AgentState>),
-    /// In the midst of a stage, which has measured this dose.
+    /// Within a stage, which has measured this dose.
     Within(Box<Snapshot>, StageDose),
     /// Nowhere: all stages are done.
     Finished,
@@ -58,8 +58,8 @@ pub(super) struct Found {
 
 /// Finds the newest whole state of a run: a snapshot of the running stage, else the end of the stage before.
 ///
-/// Only a snapshot whose bytes are damaged is passed over. One that may be good, and yet cannot be gone on from, is not:
-/// to go on from another would be to throw it away.
+/// Only a snapshot with damaged bytes is passed over. A snapshot that may be good but cannot be used is an error: to
+/// continue from another one would throw it away.
 ///
 /// `extended` says that the run was done and is to go on.
 ///
@@ -118,7 +118,7 @@ pub(super) fn find(
         Some(marks) => marks.clone(),
         None if finished => Marks::new(),
         None => {
-            let message = "was begun by a version of cpp-rl that this one cannot go on from: finish it with that version, \
+            let message = "was begun by an older cpp-rl, and this version cannot continue it: finish it with that version, \
                            or start a new run with --out";
             return Err(UserError::new(format!("{} {message}", run.display())).into());
         }
@@ -129,11 +129,11 @@ pub(super) fn find(
     Ok(Found { standing, marks, seconds: None, file, damaged, notices: Vec::new() })
 }
 
-/// What to do about a snapshot that cannot be read, but may be whole.
+/// What to do about a snapshot that cannot be read but may be whole.
 fn unreadable(file: &Path, problem: &FileError) -> UserError {
     let remedy = match problem {
         FileError::Unreadable(_) => "make it readable",
-        _ => "go on with the version of cpp-rl that wrote it",
+        _ => "continue it with the version of cpp-rl that wrote it",
     };
     refused(file, format_args!("{}: {problem}", file.display()), remedy)
 }
@@ -158,16 +158,16 @@ fn check(
     logs::check(run, &saved.marks).map_err(|problem| refused(file, problem, "put it back as it was"))
 }
 
-/// A snapshot that the run does not go on from, and does not pass over: whoever knows more is to decide.
+/// A snapshot that the run can neither use nor pass over: the user decides.
 fn refused(file: &Path, problem: impl Display, remedy: &str) -> UserError {
-    let otherwise = format!("or move {} away to go on from what was saved before it", file.display());
+    let otherwise = format!("or move {} away to continue from an older save", file.display());
     UserError::new(format!("{problem}; {remedy}, {otherwise}"))
 }
 
 /// What to say of finished stages whose checkpoints are damaged: the run goes on without them.
 fn damaged_stages(run: &Path, done: u16) -> Vec<String> {
     let checkpoints = (0..done).map(|stage| Checkpoint::read(&stage_checkpoint(run, stage)));
-    checkpoints.filter_map(Result::err).map(|error| format!("{error}; the run does not need it to go on")).collect()
+    checkpoints.filter_map(Result::err).map(|error| format!("{error}; the run continues without it")).collect()
 }
 
 /// The agent after stage `last`, if its checkpoint is this run's.

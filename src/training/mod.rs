@@ -1,5 +1,5 @@
-//! The loop: train a stage, evaluate on all levels, checkpoint; for every seed of every experiment, on as many threads as
-//! there are jobs.
+//! The training loop: train a stage, evaluate on all levels, write a checkpoint. It does so for every seed of every
+//! experiment, on as many threads as there are jobs.
 
 mod cohort;
 pub mod progress;
@@ -39,7 +39,7 @@ pub struct Experiment {
     pub out: PathBuf,
     /// How networks are computed.
     pub engine: EngineKind,
-    /// Whether runs that are there already go on.
+    /// Whether existing runs are continued.
     pub resume: bool,
     /// Timesteps between two measurements of plasticity; 0 for none.
     pub plasticity_interval: u64,
@@ -49,7 +49,7 @@ pub struct Experiment {
     pub command: Vec<String>,
 }
 
-/// What happens while an experiment runs, for whoever shows it.
+/// What happens while an experiment runs, told to whoever shows it.
 #[derive(Clone, Debug)]
 pub enum Event {
     /// A seed made an update.
@@ -68,7 +68,7 @@ pub enum Event {
         /// The seed.
         seed: u64,
     },
-    /// A seed was there before: these timesteps were done by an earlier start.
+    /// A seed is continued: an earlier start did these timesteps.
     Resumed {
         /// The seed.
         seed: u64,
@@ -82,7 +82,7 @@ pub enum Event {
         /// The stage's number.
         stage: u16,
     },
-    /// Something that the user should know of a seed which goes on.
+    /// Something that the user should know about a seed. The seed goes on.
     Notice {
         /// The seed.
         seed: u64,
@@ -125,11 +125,13 @@ pub struct FinishedRun {
     pub evaluations: Vec<Row>,
 }
 
-/// Trains all seeds of all experiments from one queue, on as many threads as there are jobs; `on_event` and `on_end`,
-/// which is told of each experiment that has ended, are called on this thread with the experiment's place in the list.
+/// Trains all seeds of all experiments from one queue, on as many threads as there are jobs.
+///
+/// `on_event` gets each event, `on_end` each experiment that has ended. Both are called on this thread, with the
+/// experiment's place in the list.
 ///
 /// # Errors
-/// What keeps runs from starting at all. A seed that fails later is part of the outcome; the others go on.
+/// What keeps runs from starting at all. A seed that fails later is part of the outcome, and the others go on.
 pub fn train(
     experiments: &[Experiment],
     jobs: usize,
@@ -145,7 +147,7 @@ pub fn train(
     let queue = queue(experiments, jobs);
     let mut left = vec![0; experiments.len()];
     queue.iter().for_each(|work| left[work.experiment] += 1);
-    // Directories are opened when their turn comes, since a process can have only so many files open.
+    // A directory is opened when its turn comes, since a process can have only so many files open.
     let queue = Mutex::new(VecDeque::from(queue));
     let next = || queue.lock().unwrap_or_else(PoisonError::into_inner).pop_front();
     let mut outcomes: Vec<Outcome> = experiments.iter().map(|_| Outcome::default()).collect();
@@ -181,7 +183,7 @@ pub fn train(
     Ok(outcomes)
 }
 
-/// What a thread that trains tells and is told.
+/// How a training thread sends news and is asked to stop.
 struct Link<'a> {
     /// The experiment that it is at.
     experiment: usize,
@@ -202,7 +204,7 @@ impl Link<'_> {
     }
 
     fn send(&self, news: News) {
-        // Nobody listens only where the thread that waits for this one has panicked.
+        // Nobody listens only if the thread that waits for this one has panicked.
         let _ = self.news.send((self.experiment, news));
     }
 
@@ -231,7 +233,7 @@ impl Experiment {
         &self.curriculum.stages[stage].level
     }
 
-    /// Seeds that train side by side: stacked ones share a thread's work, fused ones gain nothing from company.
+    /// How many seeds a thread trains together. The libtorch engine gains from it, the fused engine does not.
     fn cohort_size(&self, jobs: usize) -> usize {
         if self.engine.joins_seeds() { self.seeds.len().div_ceil(jobs).max(1) } else { 1 }
     }
@@ -252,11 +254,11 @@ impl Experiment {
     }
 }
 
-/// Lets this process open as many files as it can be let. A run that trains has four open; seeds that are stacked all
-/// train at once, and may be more than the usual limit allows.
+/// Raises the limit of open files as far as allowed. A run that trains has four files open. Seeds that are computed
+/// together all train at once, and can need more files than the usual limit allows.
 fn allow_open_files() {
     let limit = getrlimit(Resource::Nofile);
-    // Where it is refused, the file that cannot be opened is an error of its seed.
+    // If this is refused, a file that cannot be opened is an error of its seed.
     let _ = setrlimit(Resource::Nofile, Rlimit { current: limit.maximum, ..limit });
 }
 

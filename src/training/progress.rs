@@ -101,7 +101,7 @@ impl<'a> Progress<'a> {
         }
     }
 
-    /// Something worth a line where lines are read; bars show it on their own.
+    /// Prints a line about it where lines are read. Bars show it anyway.
     fn milestone(&self, text: &str) {
         match self.view {
             View::Bars { .. } => debug!("{text}"),

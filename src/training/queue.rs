@@ -13,8 +13,8 @@ pub struct Work<'a> {
     pub seeds: &'a [u64],
 }
 
-/// The seeds of all experiments in the order in which `jobs` threads take them: the longest first, so that at the end no
-/// thread has much to do while others have nothing.
+/// The seeds of all experiments in the order in which `jobs` threads take them. The longest come first, so that all
+/// threads end at about the same time.
 pub fn queue(experiments: &[Experiment], jobs: usize) -> Vec<Work<'_>> {
     let mut queue = Vec::new();
     for (i, experiment) in experiments.iter().enumerate() {

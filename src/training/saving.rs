@@ -1,4 +1,4 @@
-//! When runs are saved in the midst of a stage, and when they are to stop.
+//! When runs are saved within a stage, and when they are to stop.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -25,7 +25,7 @@ impl SinceSaved {
         Self { time: Instant::now(), updates: 0 }
     }
 
-    /// Counts one more update; says whether it is time to save, and if so begins anew.
+    /// Counts one more update. Says whether it is time to save, and if so starts to count from 0.
     pub(super) fn is_due(&mut self, saving: Saving) -> bool {
         self.updates += 1;
         let due = saving.updates.is_some_and(|updates| self.updates >= updates)

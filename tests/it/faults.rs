@@ -135,7 +135,8 @@ fn a_run_whose_snapshots_are_all_damaged_begins_anew() {
     let printed = sandbox.succeeds(&resume);
     for name in names {
         let kept = format!("checkpoints/latest/{name}.damaged");
-        let says = format!("the run begins anew, and the file is kept as stopped/dqn/level-a/seed-0/{kept}");
+        let says =
+            format!("the run starts from its beginning, and the file is kept as stopped/dqn/level-a/seed-0/{kept}");
         assert!(printed.stderr.contains(&says), "{}", printed.stderr);
         assert!(run.0.join(kept).exists());
     }
@@ -160,7 +161,7 @@ fn a_snapshot_that_may_be_good_is_never_passed_over() {
             remove(&latest.join(&last));
             fs::create_dir(latest.join(&last)).expect("writable");
         }),
-        ("checkpoint format 2; this version of cpp-rl reads format 1; go on with the version", &|| {
+        ("checkpoint format 2; this version of cpp-rl reads format 1; continue it with the version", &|| {
             let path = latest.join(&last);
             fs::write(&path, with_header(&fs::read(&path).expect("a file"), "format", 2)).expect("writable");
         }),
