@@ -38,6 +38,7 @@ pub mod random;
 pub mod report;
 pub mod results;
 pub mod run;
+pub mod shell;
 pub mod study;
 pub mod text_file;
 pub mod training;

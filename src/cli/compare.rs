@@ -9,6 +9,7 @@ use super::output::write_stdout;
 use crate::messages::tell;
 use crate::report::analysis::Analysis;
 use crate::report::{Format, export, published_curves, render, tables};
+use crate::shell;
 
 /// Lay runs side by side.
 #[derive(Debug, Args)]
@@ -51,9 +52,8 @@ impl CompareArgs {
     }
 }
 
-/// The command as it was given, arguments with spaces quoted.
+/// The command as it was given, for a POSIX shell.
 fn command_line() -> String {
-    let quote = |argument: String| if argument.contains(' ') { format!("'{argument}'") } else { argument };
-    let arguments = std::env::args_os().skip(1).map(|argument| quote(argument.to_string_lossy().into_owned()));
-    ["cpp-rl".to_owned()].into_iter().chain(arguments).collect::<Vec<_>>().join(" ")
+    let arguments = std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned());
+    shell::join(&["cpp-rl".to_owned()].into_iter().chain(arguments).collect::<Vec<String>>())
 }

@@ -17,6 +17,7 @@ use crate::dose::Dose;
 use crate::error::{Interrupted, UserError};
 use crate::messages::{Verbosity, tell};
 use crate::run::manifest::Manifest;
+use crate::shell;
 use crate::training::progress::{Progress, count_seeds};
 use crate::training::saving::Saving;
 use crate::training::{self, Event, Experiment, Outcome, run_label};
@@ -261,14 +262,8 @@ fn problems(experiments: &[Experiment], outcomes: &[Outcome]) -> Result<()> {
 
 /// The command line that goes on with what this one began, for a POSIX shell.
 fn resuming(command: &[String]) -> String {
-    let plain =
-        |word: &String| !word.is_empty() && word.chars().all(|c| c.is_alphanumeric() || "-_./,:=+@".contains(c));
-    let quoted = |word: &String| if plain(word) { word.clone() } else { format!("'{}'", word.replace('\'', r"'\''")) };
-    let mut words: Vec<String> = command.iter().map(quoted).collect();
-    if !command.iter().any(|word| word == "--resume") {
-        words.push("--resume".to_owned());
-    }
-    words.join(" ")
+    let resume = if command.iter().any(|word| word == "--resume") { "" } else { " --resume" };
+    shell::join(command) + resume
 }
 
 /// What the L2 penalty of the finished runs amounted to, a line per seed; nothing where there is none.
