@@ -8,7 +8,8 @@ use clap::Args;
 use super::output::write_stdout;
 use crate::messages::tell;
 use crate::report::analysis::Analysis;
-use crate::report::{Format, export, published_curves, render, tables};
+use crate::report::render::to_json;
+use crate::report::{Format, exhibits, export, foreign, render};
 use crate::shell;
 
 /// Lay runs side by side.
@@ -21,10 +22,10 @@ pub struct CompareArgs {
     /// the tables as Markdown, LaTeX and CSV, and everything as JSON.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Learning curves of the published study, to be drawn beside curricula on its levels: a CSV file with the columns run
-    /// (`ppo-curriculum`), level, repeat, timesteps and ep_rew_mean.
-    #[arg(long, value_name = "FILE")]
-    published_curves: Option<PathBuf>,
+    /// Learning curves of other programs or of the paper, to be drawn and tabled beside runs that are trained alike; may
+    /// be given many times. A CSV with the columns arm (or algo, run), level, seed (or repeat), timesteps and ep_rew_mean.
+    #[arg(long, value_name = "[NAME=]FILE", alias = "published-curves")]
+    curves: Vec<String>,
     /// How the main tables are printed; json prints everything.
     #[arg(long, value_enum, default_value_t = Format::Table)]
     format: Format,
@@ -37,8 +38,8 @@ impl CompareArgs {
     /// Directories without runs, and files that cannot be read or written.
     pub fn run(&self) -> Result<()> {
         let mut analysis = Analysis::read(&self.runs)?;
-        if let Some(path) = &self.published_curves {
-            analysis.published_curves = published_curves::read(path)?;
+        for file in &self.curves {
+            analysis.foreign_curves.extend(foreign::read(file)?);
         }
         analysis.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
         if let Some(out) = &self.out {
@@ -46,8 +47,8 @@ impl CompareArgs {
             tell(format_args!("written to {}", out.display()));
         }
         match self.format {
-            Format::Json => write_stdout(&(serde_json::to_string(&analysis)? + "\n")),
-            format => write_stdout(&render(&tables::main(&analysis), format)),
+            Format::Json => write_stdout(&to_json(&analysis, &exhibits::all(&analysis))?),
+            format => write_stdout(&render(&exhibits::main_tables(&analysis), format)),
         }
     }
 }

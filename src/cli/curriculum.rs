@@ -1,5 +1,7 @@
 //! `cpp-rl curriculum`.
 
+use std::path::PathBuf;
+
 use anyhow::Result;
 use clap::Args;
 use tracing::warn;
@@ -11,15 +13,14 @@ use crate::agent::Stage;
 use crate::curriculum::Curriculum;
 use crate::error::UserError;
 use crate::messages::{Verbosity, past_bars};
-use crate::report::study::{Planned, after_stage, matrix};
-use crate::report::{Format, Table, render};
-use crate::run::evaluations::{self, Row};
-use crate::training::{Event, Experiment};
+use crate::report::analysis::Analysis;
+use crate::report::{Format, Table, exhibits, render};
+use crate::training::Event;
 
-/// The stage whose table the study prints: the one on this level.
-const STUDY_LEVEL: &str = "3";
+/// The level after whose stage the returns are printed at once, as the paper printed them.
+const PRINTED_LEVEL: &str = "3";
 
-/// Train agents on one level after another and print the paper's tables.
+/// Train agents on one level after another and print what they earn on every level.
 #[derive(Debug, Args)]
 pub struct CurriculumArgs {
     #[command(flatten)]
@@ -33,7 +34,7 @@ pub struct CurriculumArgs {
 }
 
 impl CurriculumArgs {
-    /// Trains through all stages; prints the study's table when its stage ends, and the rest at the end.
+    /// Trains through all stages; prints the table of level 3 when its stage ends, and the rest at the end.
     ///
     /// # Errors
     /// Wrong input, and seeds that failed.
@@ -43,62 +44,59 @@ impl CurriculumArgs {
             .map_err(|problem| UserError::new(format!("--levels: {problem}")))?;
         let experiments = [self.training.experiment(config, curriculum, "curriculum")?];
         let [experiment] = &experiments;
-        let max_steps = experiment.config.max_steps;
-        let planned: Vec<Planned> =
-            experiment.curriculum.levels.iter().map(|level| Planned::new(level, max_steps)).collect();
-
         let stages = &experiment.curriculum.stages;
         let last = stages.len() as u16 - 1;
-        let is_study = |stage: &&Stage| stage.level.name() == STUDY_LEVEL && stage.index != last;
-        let study = stages.iter().find(is_study).map(|stage| stage.index);
-        let study_table = |stage, runs: &[Vec<Row>]| {
-            let mut table = after_stage(&experiment.curriculum, stage, runs, &planned);
-            table.title += " (the study's Tables 2-4)";
-            table
-        };
+        let is_printed = |stage: &&Stage| stage.level.name() == PRINTED_LEVEL && stage.index != last;
+        let early = stages.iter().find(is_printed).map(|stage| stage.index);
 
-        // People see the study's table as soon as its stage has ended for all seeds; programs get all tables at once.
+        // People see the first table as soon as its stage has ended for all seeds; programs get all tables at once.
         let mut waiting = if self.format == Format::Table { experiment.seeds.len() } else { usize::MAX };
         let outcomes = carry_out(&experiments, self.training.jobs(), verbosity, |event| {
             if let Event::StageDone { stage, .. } = event
-                && Some(*stage) == study
+                && Some(*stage) == early
             {
                 waiting -= 1;
                 if waiting == 0 {
-                    print_now(&study_table(*stage, &written(experiment)));
+                    let runs: Vec<PathBuf> = experiment.seeds.iter().map(|&seed| experiment.run_path(seed)).collect();
+                    print_now(&runs, *stage);
                 }
             }
         })?;
 
-        let finished = outcomes.iter().flat_map(|outcome| &outcome.finished);
-        let runs: Vec<Vec<Row>> = finished.map(|run| run.evaluations.clone()).collect();
-        let mut printed = Ok(());
-        if !runs.is_empty() {
-            let late = study.filter(|_| waiting > 0).map(|stage| study_table(stage, &runs));
-            let mut tables: Vec<Table> = late.into_iter().collect();
-            tables.push(after_stage(&experiment.curriculum, last, &runs, &planned));
-            tables.push(matrix(&experiment.curriculum, &runs, &planned));
-            printed = write_stdout(&render(&tables, self.format));
-        }
+        let runs: Vec<PathBuf> =
+            outcomes.iter().flat_map(|outcome| &outcome.finished).map(|run| run.path.clone()).collect();
+        let early = early.filter(|_| waiting > 0);
+        let printed = if runs.is_empty() { Ok(()) } else { self.print(&runs, early, last) };
         conclude(&experiments, &outcomes, printed)
+    }
+
+    /// Prints what these runs earn after the last stage, and after every stage; after `early` first.
+    fn print(&self, runs: &[PathBuf], early: Option<u16>, last: u16) -> Result<()> {
+        let analysis = Analysis::read(runs)?;
+        analysis.left_out.iter().for_each(|left_out| warn!("missing from the tables: {}", left_out.why));
+        let mut tables: Vec<Table> = early.map_or_else(Vec::new, |stage| after_stage(&analysis, stage));
+        tables.extend(after_stage(&analysis, last));
+        tables.extend(analysis.arms.iter().filter_map(|arm| exhibits::matrix_of_arm(&analysis, arm)));
+        exhibits::cite(&mut tables);
+        write_stdout(&render(&tables, self.format))
     }
 }
 
-/// What each seed's run has written so far; a file that cannot be read is told of and left out.
-fn written(experiment: &Experiment) -> Vec<Vec<Row>> {
-    let read = |&seed: &u64| match evaluations::read(&experiment.run_path(seed)) {
-        Ok(rows) => Some(rows),
-        Err(error) => {
-            warn!("seed {seed} is missing from the table: {error:#}");
-            None
-        }
-    };
-    experiment.seeds.iter().filter_map(read).collect()
+/// The returns on every level after a stage.
+fn after_stage(analysis: &Analysis, stage: u16) -> Vec<Table> {
+    analysis.arms.iter().filter_map(|arm| exhibits::after_stage_of_arm(analysis, arm, stage)).collect()
 }
 
-/// Prints a table while the training goes on, which it must not end.
-fn print_now(table: &Table) {
-    if let Err(error) = past_bars(|| write_stdout(&(table.render(Format::Table) + "\n"))) {
-        warn!("cannot print the study's table: {error:#}");
+/// Prints a stage's table while the training goes on, which it must not end.
+fn print_now(runs: &[PathBuf], stage: u16) {
+    let print = || -> Result<()> {
+        let analysis = Analysis::read(runs)?;
+        analysis.left_out.iter().for_each(|left_out| warn!("missing from the table: {}", left_out.why));
+        let mut tables = after_stage(&analysis, stage);
+        exhibits::cite(&mut tables);
+        past_bars(|| write_stdout(&(render(&tables, Format::Table) + "\n")))
+    };
+    if let Err(error) = print() {
+        warn!("cannot print the table of level {PRINTED_LEVEL}: {error:#}");
     }
 }

@@ -9,7 +9,7 @@ use coverage_env::{BUILTIN_IDS, Level};
 
 use super::output::{write_out, write_stdout};
 use crate::error::UserError;
-use crate::report::{Cell, Format, Table, export, figures};
+use crate::report::{Cell, Format, Table, exhibits, export};
 
 /// List, show, check, generate or draw levels.
 #[derive(Debug, Args)]
@@ -137,7 +137,7 @@ fn check(levels: &[String]) -> Result<()> {
 }
 
 fn draw(levels: &[Level], out: Option<&PathBuf>) -> Result<()> {
-    let drawing = figures::draw_levels(levels);
+    let drawing = exhibits::draw_levels(levels);
     let is_png = |path: &Path| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
     match out {
         Some(path) if is_png(path) => write_out(path, &drawing.to_png(export::PNG_SCALE)?),

@@ -9,9 +9,9 @@ use std::thread;
 use anyhow::{Context, Result};
 
 use super::analysis::Analysis;
-use super::figures::{self, NamedFigure};
-use super::tables::{self, NamedTable};
-use super::{Format, Table, html, render};
+use super::exhibits::{self, NamedFigure, NamedTable};
+use super::render::{Format, page, render, to_json};
+use super::table::Table;
 use crate::run::write_file;
 
 /// Pixels of figures as PNG, in units of 96 per inch of the printed figure: 288 per inch.
@@ -30,18 +30,20 @@ pub fn write(analysis: &Analysis, directory: &Path, command: &str) -> Result<()>
     for folder in [&csv, &drawn] {
         fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
     }
-    let tables = tables::all(analysis);
-    for NamedTable { name, table, .. } in &tables {
+    let exhibits = exhibits::all(analysis);
+    let sections = exhibits::sections(analysis, &exhibits);
+    write_text(&directory.join("report.html"), &page(analysis, &exhibits, &sections, command).to_html())?;
+    write_text(&directory.join("report.json"), &to_json(analysis, &exhibits)?)?;
+    let (tables, figures): (Vec<_>, Vec<_>) =
+        sections.into_iter().map(|section| (section.tables, section.figures)).unzip();
+    write_figures(&figures.concat(), &drawn)?;
+    for NamedTable { name, table, .. } in tables.iter().flatten() {
         write_text(&csv.join(format!("{name}.csv")), &table.render(Format::Csv))?;
     }
-    let figures = figures::all(analysis);
-    write_figures(&figures, &drawn)?;
-    write_text(&directory.join("report.html"), &html::page(analysis, &figures, &tables, command).to_html())?;
-    let tables: Vec<Table> = tables.into_iter().map(|named| named.table).collect();
+    let tables: Vec<Table> = tables.into_iter().flatten().map(|named| named.table).collect();
     write_text(&directory.join("tables.md"), &(render(&tables, Format::Markdown) + &warnings(analysis)))?;
     write_text(&directory.join("tables.tex"), &render(&tables, Format::Latex))?;
-    write_text(&directory.join("metrics.md"), METRICS)?;
-    write_text(&directory.join("report.json"), &(serde_json::to_string(analysis)? + "\n"))
+    write_text(&directory.join("metrics.md"), METRICS)
 }
 
 /// Writes every figure as SVG and PNG, on all cores: drawing pixels takes most of a report's time.

@@ -1,50 +1,20 @@
 //! From results to what people and programs read. Nothing here trains.
+//!
+//! [`analysis`] makes numbers of runs, [`exhibits`] make a report's sections of them, one file per topic, and [`render`]
+//! writes tables and pages, one file per format. Each depends on those before it alone.
 
 pub mod analysis;
+mod evaluations;
+pub mod exhibits;
 pub mod export;
-pub mod figures;
 pub mod find;
-mod html;
+pub mod foreign;
 mod names;
 pub mod published;
-pub mod published_curves;
+pub mod render;
 pub mod runs;
-pub mod study;
 mod table;
-pub mod tables;
-pub mod topic;
 
-pub use table::{Cell, Format, Table, render};
-
-use crate::results::{Evaluation, LevelResult};
-
-/// Evaluations as a table: a row per policy and level.
-pub fn evaluations(evaluations: &[Evaluation]) -> Table {
-    let columns = ["policy", "level", "mean", "std", "min", "max", "solved", "episodes"];
-    let row = |evaluation: &Evaluation, level: &LevelResult| {
-        let mut policy = evaluation.policy.clone();
-        if let Some(seed) = evaluation.seed {
-            policy += &format!(" seed {seed}");
-        }
-        if let Some(stage) = evaluation.stage {
-            policy += &format!(" stage {stage}");
-        }
-        vec![
-            policy.into(),
-            level.level.clone().into(),
-            Cell::Number(level.mean, 3),
-            Cell::Number(level.std, 3),
-            Cell::Number(level.min as f64, 0),
-            Cell::Number(level.max as f64, 0),
-            Cell::Number(level.solved_share, 3),
-            Cell::Number(level.episodes.len() as f64, 0),
-        ]
-    };
-    let rows = evaluations.iter().flat_map(|e| e.levels.iter().map(move |level| row(e, level)));
-    Table {
-        title: String::new(),
-        columns: columns.map(str::to_owned).to_vec(),
-        rows: rows.collect(),
-        notes: Vec::new(),
-    }
-}
+pub use evaluations::evaluations;
+pub use render::{Format, render};
+pub use table::{Cell, Table};

@@ -1,18 +1,21 @@
-//! What the study printed, to stand beside what is measured here. Single seeds, each.
+//! What the paper printed, to stand beside what is measured here. Single seeds, each.
 
 use coverage_env::Level;
 use serde::Serialize;
 
-use super::analysis::{Arm, LevelInfo, Protocol};
-
-/// The step limit of the study's episodes.
+/// The paper's title.
+pub const TITLE: &str = "Reinforcement Learning and Loss of Plasticity Phenomenon in Coverage Path Planning Environments: \
+                         An Exploratory Study";
+/// The step limit of the paper's episodes.
 const MAX_STEPS: u32 = 200;
-/// The place in the curriculum of the level after whose stage the study evaluated its models on all levels.
+/// The place in the sequence of the level after whose stage the paper evaluated its models on all levels.
 const EVALUATED_AFTER: usize = 3;
 
-/// The study's Tables 1 to 5, columns in the order of its levels.
+/// The paper's Tables 1 to 5, columns in the order of its levels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Published {
+    /// The paper's title.
+    pub title: &'static str,
     /// What these numbers are.
     pub source: &'static str,
     /// The built-in names of its levels.
@@ -31,7 +34,7 @@ pub struct Published {
     pub right_after_astar: [PublishedMean; 5],
 }
 
-/// One row of the study: one model.
+/// One row of the paper: one model.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PublishedArm {
     /// The preset that repeats it.
@@ -65,9 +68,10 @@ const fn arm(preset: &'static str, timesteps: u64, pairs: [(f64, f64); 5]) -> Pu
     PublishedArm { preset, timesteps, levels: row(pairs) }
 }
 
-/// As printed. The study's notebook has 40.45 and 40.65 for the A* means of levels 2 and 3.
-pub const STUDY: Published = Published {
-    source: "the study's Tables 1 to 5: one seed per model, deterministic, episodes from drawn start cells",
+/// As printed. The paper's notebook has 40.45 and 40.65 for the A* means of levels 2 and 3.
+pub const PAPER: Published = Published {
+    title: TITLE,
+    source: "Tables 1 to 5: one seed per model, deterministic, episodes from drawn start cells",
     levels: ["0", "1", "2", "3", "4"],
     astar_mean: [42.25, 45.50, 40.65, 38.25, 30.90],
     astar_min: [40.0, 43.0, 37.0, 38.0, 24.0],
@@ -86,27 +90,19 @@ pub const STUDY: Published = Published {
 };
 
 impl Published {
-    /// The column of a level of this comparison: one with the study's map and step limit, whatever it is called.
-    pub fn column(&self, level: &LevelInfo) -> Option<usize> {
-        let has_map = |id: &&str| Level::builtin(id).is_some_and(|own| own.to_map().trim_end() == level.map.trim_end());
-        if level.max_steps == MAX_STEPS { self.levels.iter().position(has_map) } else { None }
+    /// The column of a level: one with the paper's map and step limit, whatever it is called.
+    pub fn column(&self, map: &str, max_steps: u32) -> Option<usize> {
+        let has_map = |id: &&str| Level::builtin(id).is_some_and(|own| own.to_map().trim_end() == map.trim_end());
+        if max_steps == MAX_STEPS { self.levels.iter().position(has_map) } else { None }
     }
 
-    /// How many stages an arm has in common with the study's curriculum, from the first on: what it learned before
-    /// these is what the study's models had learned. 0 for runs afresh.
-    pub fn shared_stages(&self, arm: &Arm, levels: &[LevelInfo]) -> usize {
-        let stages = arm.stages.iter().enumerate();
-        let shared = stages.take_while(|(place, stage)| self.column(&levels[stage.level]) == Some(*place)).count();
-        if arm.protocol == Protocol::Curriculum { shared } else { 0 }
+    /// Whether the paper evaluated its models on all levels after the stage on the level of this column.
+    pub fn evaluated_after(&self, column: usize) -> bool {
+        column == EVALUATED_AFTER
     }
 
-    /// Whether `level` is the one after whose stage the study evaluated its models on all levels.
-    pub fn evaluated_after(&self, level: &LevelInfo) -> bool {
-        self.column(level) == Some(EVALUATED_AFTER)
+    /// Timesteps per level that the model of a preset was trained for.
+    pub fn timesteps(&self, preset: &str) -> Option<u64> {
+        self.right_after.iter().find(|model| model.preset == preset).map(|model| model.timesteps)
     }
-}
-
-/// The published figures, if any level here is one of the study's.
-pub(super) fn beside(levels: &[LevelInfo]) -> Option<Published> {
-    levels.iter().any(|level| STUDY.column(level).is_some()).then_some(STUDY)
 }

@@ -4,9 +4,12 @@
 
 mod advantages;
 mod analysis;
+mod analysis_of_logs;
 mod arbitrary;
+mod beside;
 mod command_line;
 mod dqn_schedule;
+mod fakes;
 mod faults;
 mod fixtures;
 mod limits;

@@ -7,16 +7,16 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use cpp_rl::report::analysis::Analysis;
-use cpp_rl::report::topic::Topic;
-use cpp_rl::report::{export, figures};
+use cpp_rl::report::exhibits::{self, NamedFigure};
+use cpp_rl::report::export;
 use cpp_rl::run::manifest::Status;
 use scraper::{Html, Selector};
 use tempfile::TempDir;
 
-use crate::analysis::{AFRESH_B, CURRICULUM, Fake, Skill};
+use crate::fakes::{CURRICULUM, FROM_SCRATCH_B, Fake, Skill};
 use crate::sandbox::Sandbox;
 
-const AFRESH_A: Fake = Fake { levels: &["a"], ..AFRESH_B };
+const FROM_SCRATCH_A: Fake = Fake { levels: &["a"], ..FROM_SCRATCH_B };
 /// Columns of `plasticity.csv`: of all parameters, of a hidden layer of each network, and of an output layer.
 const MEASURES: [&str; 6] = [
     "grad_norm",
@@ -60,12 +60,17 @@ impl Report {
     }
 
     fn caption(&self, figure: &str) -> String {
-        let all = figures::all(&self.analysis);
+        let all = self.figures();
         all.iter().find(|named| named.name == figure).unwrap_or_else(|| panic!("no figure {figure}")).caption.clone()
     }
 
     fn names(&self) -> Vec<String> {
-        figures::all(&self.analysis).into_iter().map(|figure| figure.name).collect()
+        self.figures().into_iter().map(|figure| figure.name).collect()
+    }
+
+    fn figures(&self) -> Vec<NamedFigure> {
+        let sections = exhibits::sections(&self.analysis, &exhibits::all(&self.analysis));
+        sections.into_iter().flat_map(|section| section.figures).collect()
     }
 
     /// What holds of every report.
@@ -87,7 +92,8 @@ impl Report {
                 .collect::<Vec<_>>()
         };
         let headings: Vec<String> = select("h2").into_iter().map(|(text, _)| text).collect();
-        let expected: Vec<&str> = Topic::ALL.iter().map(|topic| topic.heading()).chain(["Definitions"]).collect();
+        let exhibits = exhibits::all(&self.analysis);
+        let expected: Vec<&str> = exhibits.iter().map(|exhibit| exhibit.heading()).chain(["Definitions"]).collect();
         assert_eq!(headings, expected);
         assert_eq!(select("svg.chart").len(), names.len());
         assert_eq!(select("script, link, img, iframe").len(), 0, "nothing is loaded or run");
@@ -163,25 +169,25 @@ fn with_seeds(runs: &[Fake], seeds: u64) -> Vec<Fake> {
 #[test]
 fn thirty_seeds_of_two_arms_have_every_figure() {
     let dqn = Fake { arm: "dqn", skill: |_, _| Skill::Lost, curve: |_, share| share / 4.0, ..CURRICULUM };
-    let report = Report::altered(&with_seeds(&[CURRICULUM, AFRESH_A, AFRESH_B, dqn], 30), log_plasticity);
+    let report = Report::altered(&with_seeds(&[CURRICULUM, FROM_SCRATCH_A, FROM_SCRATCH_B, dqn], 30), log_plasticity);
     let expected = [
         "levels",
         "learning-curve-dqn",
         "learning-curve-ppo",
         "learning-curves",
-        "learning-curves-afresh",
-        "against-afresh-ppo",
+        "learning-curves-from-scratch",
         "returns",
         "probability-of-improvement",
         "matrices",
         "continual-learning",
         "forgetting",
+        "against-from-scratch-ppo",
         "plasticity-loss",
         "time-to-threshold",
         "plasticity",
+        "plasticity-against-from-scratch-ppo",
         "plasticity-value.0",
         "plasticity-weights",
-        "plasticity-against-afresh-ppo",
     ];
     assert_eq!(report.names(), expected);
     let caption = report.caption("learning-curves");
@@ -195,7 +201,8 @@ fn thirty_seeds_of_two_arms_have_every_figure() {
     let is_whole = |warning: &&String| MEASURES.iter().all(|name| warning.contains(&format!("plasticity/{name} ")));
     assert_eq!(warnings.iter().filter(is_whole).count(), 120, "{:?}", &warnings[..2]);
     // Thin lines, one per seed and stage, of one arm and of both.
-    for (figure, lines) in [("learning-curve-ppo", 60), ("learning-curves", 120), ("learning-curves-afresh", 60)] {
+    for (figure, lines) in [("learning-curve-ppo", 60), ("learning-curves", 120), ("learning-curves-from-scratch", 60)]
+    {
         assert!(svg(figure).matches("opacity=\"0.35\"").count() >= lines, "{figure}");
     }
     let html = report.html();
@@ -205,8 +212,8 @@ fn thirty_seeds_of_two_arms_have_every_figure() {
 
 #[test]
 fn one_seed_has_no_band_and_says_so() {
-    let report = Report::new(&[CURRICULUM, AFRESH_B]);
-    for figure in ["learning-curve-ppo", "against-afresh-ppo"] {
+    let report = Report::new(&[CURRICULUM, FROM_SCRATCH_B]);
+    for figure in ["learning-curve-ppo", "against-from-scratch-ppo"] {
         assert!(report.caption(figure).contains("One seed has no band."), "{}", report.caption(figure));
         let svg = fs::read_to_string(report.path(&format!("figures/{figure}.svg"))).expect("the drawing");
         assert!(!svg.contains("opacity=\"0.2\""), "{figure} has a band");
@@ -217,14 +224,14 @@ fn one_seed_has_no_band_and_says_so() {
 
 #[test]
 fn what_is_missing_is_said() {
-    // Level a was trained afresh with one seed of two, and one curriculum is cut off.
+    // Level a was trained from scratch with one seed of two, and one curriculum is cut off.
     let cut = Fake { seed: 1, stages_done: 1, ..CURRICULUM };
-    let runs = [CURRICULUM, cut, AFRESH_A, AFRESH_B, Fake { seed: 1, ..AFRESH_B }];
+    let runs = [CURRICULUM, cut, FROM_SCRATCH_A, FROM_SCRATCH_B, Fake { seed: 1, ..FROM_SCRATCH_B }];
     let report = Report::new(&runs);
     let caption = report.caption("learning-curve-ppo");
     assert!(caption.contains("Missing: ppo seed 1, level b (unfinished)."), "{caption}");
-    let caption = report.caption("learning-curves-afresh");
-    assert!(caption.contains("Missing: ppo (afresh) seed 1, level a (no such run)."), "{caption}");
+    let caption = report.caption("learning-curves-from-scratch");
+    assert!(caption.contains("Missing: ppo (from scratch) seed 1, level a (no such run)."), "{caption}");
     let caption = report.caption("plasticity-loss");
     assert!(caption.contains("left out: 2."), "{caption}");
     let html = report.html();
@@ -270,10 +277,10 @@ fn many_gaps_are_counted_and_many_warnings_listed() {
 #[test]
 fn a_level_that_nobody_learns_is_counted_as_censored() {
     let lost = Fake { skill: |_, _| Skill::Lost, curve: |_, _| 0.0, ..CURRICULUM };
-    let afresh = Fake { curve: |_, _| 0.0, skill: |_, _| Skill::Lost, ..AFRESH_B };
-    let report = Report::new(&with_seeds(&[lost, afresh], 3));
+    let from_scratch = Fake { curve: |_, _| 0.0, skill: |_, _| Skill::Lost, ..FROM_SCRATCH_B };
+    let report = Report::new(&with_seeds(&[lost, from_scratch], 3));
     let caption = report.caption("time-to-threshold");
-    assert!(caption.contains("never reach 0.5: ppo 3 in the curriculum and 3 afresh, of 3."), "{caption}");
+    assert!(caption.contains("never reach 0.5: ppo 3 in the curriculum and 3 from scratch, of 3."), "{caption}");
 }
 
 #[test]
@@ -298,20 +305,21 @@ fn runs_without_anything_give_a_report_without_crashing() {
     assert_eq!(report.names(), ["levels", "learning-curve-ppo", "matrices"]);
     let svg = fs::read_to_string(report.path("figures/learning-curve-ppo.svg")).expect("the drawing");
     assert!(svg.contains("no data"));
-    assert!(report.html().contains(Topic::Continual.absence()));
+    assert!(report.html().contains("No run has finished its curriculum"));
 }
 
 #[test]
-fn runs_afresh_alone_are_compared_too() {
-    let dqn = Fake { arm: "dqn", ..AFRESH_B };
-    let report = Report::altered(&with_seeds(&[AFRESH_A, AFRESH_B, dqn], 2), log_plasticity);
-    let expected = ["levels", "learning-curves-afresh", "returns", "probability-of-improvement", "plasticity-afresh"];
+fn runs_from_scratch_alone_are_compared_too() {
+    let dqn = Fake { arm: "dqn", ..FROM_SCRATCH_B };
+    let report = Report::altered(&with_seeds(&[FROM_SCRATCH_A, FROM_SCRATCH_B, dqn], 2), log_plasticity);
+    let expected =
+        ["levels", "learning-curves-from-scratch", "returns", "probability-of-improvement", "plasticity-from-scratch"];
     assert_eq!(report.names(), expected);
 }
 
 #[test]
 fn the_same_runs_give_the_same_bytes() {
-    let report = Report::altered(&with_seeds(&[CURRICULUM, AFRESH_B], 3), log_plasticity);
+    let report = Report::altered(&with_seeds(&[CURRICULUM, FROM_SCRATCH_B], 3), log_plasticity);
     let before = files(&report.path(""));
     let again = Analysis::read(&[report.root.path().join("runs")]).expect("runs that can be read");
     export::write(&again, &report.path(""), "cpp-rl compare runs").expect("the folder is writable");
@@ -344,26 +352,4 @@ fn compare_writes_the_report_and_its_command() {
     let html = fs::read_to_string(sandbox.path("report/report.html")).expect("the page is there");
     assert!(html.contains("<code>cpp-rl compare runs --out report</code>"));
     assert!(html.contains(concat!("cpp-rl ", env!("CARGO_PKG_VERSION"))));
-}
-
-#[test]
-fn published_curves_lie_beside_the_studys_curriculum_alone() {
-    let sandbox = Sandbox::new();
-    let study = Fake { levels: &["0", "1"], timesteps: 500_000, ..CURRICULUM };
-    study.write(&sandbox.path("runs"));
-    CURRICULUM.write(&sandbox.path("own"));
-    sandbox.write(
-        "curves.csv",
-        "run,level,repeat,timesteps,ep_rew_mean\nppo-curriculum,0,1,4096,-150\nppo-curriculum,0,1,400000,-10\n\
-         ppo-curriculum,1,1,4096,-190\nppo-curriculum,1,1,400000,20\ndqn-curriculum,1,1,4096,-190\n",
-    );
-    let drawn = |runs: &str, option: &str| {
-        sandbox.succeeds(&format!("compare {runs} --out report {option}"));
-        let svg = sandbox.path("report/figures/learning-curve-ppo.svg");
-        fs::read_to_string(svg).expect("the drawing").contains("published (one seed)")
-    };
-    assert!(drawn("runs", "--published-curves curves.csv"));
-    assert!(!drawn("runs", "") && !drawn("own", "--published-curves curves.csv"));
-    sandbox.write("curves.csv", "run,level\nppo-curriculum,0\n");
-    assert!(sandbox.fails(2, "compare runs --published-curves curves.csv").contains("curves.csv"));
 }

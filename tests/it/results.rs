@@ -14,7 +14,7 @@ fn keys(object: &Value) -> Vec<&str> {
     object.as_object().expect("an object").keys().map(String::as_str).collect()
 }
 
-/// The study's A* and the true optimum from every start of levels 0 to 2, measured independently.
+/// The paper's A* and the true optimum from every start of levels 0 to 2, measured independently.
 fn planner_returns() -> Value {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/crates/coverage-env/tests/fixtures/planner_returns.json");
     serde_json::from_str(&fs::read_to_string(path).expect("the fixture is there")).expect("the fixture is JSON")
@@ -37,7 +37,7 @@ fn planners_earn_what_was_measured_independently() {
         }
         let sum = |list: &[Value], key: &str| list.iter().filter_map(|e| e[key].as_f64()).sum::<f64>();
         let difference = (sum(&astar, "return") - sum(expected, "greedy_astar")) / expected.len() as f64;
-        // The study's code breaks ties in the order of a Python set.
+        // The paper's code breaks ties in the order of a Python set.
         assert!(difference.abs() <= 0.75, "level {level}: {difference}");
     }
 }
@@ -207,7 +207,7 @@ fn runs_of_one_name_but_differing_settings_are_never_pooled() {
     let comparison = sandbox.json("compare one two");
     let names: Vec<&str> =
         comparison["arms"].as_array().expect("arms").iter().filter_map(|a| a["name"].as_str()).collect();
-    assert_eq!(names, ["ppo (afresh) [learning_rate=0.001]", "ppo (afresh) [learning_rate=0.01]"]);
+    assert_eq!(names, ["ppo (from scratch) [learning_rate=0.001]", "ppo (from scratch) [learning_rate=0.01]"]);
 
     sandbox.succeeds("train --config ppo.yaml --level a.yaml --out three");
     let error = sandbox.fails(2, "compare one three");

@@ -5,11 +5,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use rl_stats::aggregate::mean;
 use serde::Serialize;
 
-use super::ArmStage;
-use super::arms::Group;
 use super::bands::Bands;
+use super::groups::{ArmStage, Group};
 use super::logs::{Bin, Bins};
-use super::runs::Run;
+use super::run::Run;
 
 /// The learning curve of one stage: the moving mean return of the last 100 episodes (`rollout/ep_rew_mean`).
 #[derive(Clone, Debug, Serialize)]
@@ -104,16 +103,10 @@ impl Series {
     }
 }
 
-/// The runs of a group that have this stage on this level, by seed.
-pub(super) fn runs_of<'a>(group: &Group<'a>, stage: &ArmStage, level: &str) -> BTreeMap<u64, &'a Run> {
-    let has = |run: &&&Run| run.manifest.stages.get(usize::from(stage.stage)).is_some_and(|s| s.level == level);
-    group.runs.iter().filter(has).map(|run| (run.manifest.seed, *run)).collect()
-}
-
 /// The learning curves of an arm, one per stage.
 pub(super) fn learning(group: &Group, stages: &[ArmStage], names: &[&str], bands: &mut Bands) -> Vec<Curve> {
     let curve = |stage: &ArmStage| {
-        let runs = runs_of(group, stage, names[stage.level]);
+        let runs = group.runs_on(stage, names[stage.level]);
         let bins = runs.iter().map(|(&seed, run)| (seed, &run.logs.stages[usize::from(stage.stage)].bins)).collect();
         let series = Series::new(&bins);
         Curve {
@@ -139,7 +132,7 @@ pub(super) fn plasticity<'a>(
     for measure in measures {
         for stage in stages {
             let of_run = |run: &'a Run| run.logs.plasticity.get(measure)?.bins.get(usize::from(stage.stage));
-            let runs = runs_of(group, stage, names[stage.level]);
+            let runs = group.runs_on(stage, names[stage.level]);
             let bins = runs.into_iter().filter_map(|(seed, run)| Some((seed, of_run(run)?)));
             let series = Series::new(&bins.collect());
             if series.points.is_empty() {

@@ -5,10 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use rl_stats::Bootstrap;
 use serde::Serialize;
 
-use super::arms::Group;
-use super::curves::runs_of;
-use super::runs::Run;
-use super::{Arm, ArmStage, OverSeeds};
+use super::groups::{ArmStage, Group};
+use super::over_seeds::OverSeeds;
+use super::run::Run;
 
 /// A plasticity measure at the end of a stage.
 #[derive(Clone, Debug, Serialize)]
@@ -37,7 +36,7 @@ pub(super) fn of_group(
                 let log = run.logs.plasticity.get(measure)?;
                 (stage.stage < run.manifest.stages_done).then(|| log.ends[usize::from(stage.stage)]).flatten()
             };
-            let runs = runs_of(group, stage, names[stage.level]);
+            let runs = group.runs_on(stage, names[stage.level]);
             let seeds: BTreeMap<u64, f64> =
                 runs.into_iter().filter_map(|(seed, run)| Some((seed, last(run)?))).collect();
             let end = |value| PlasticityEnd { measure: measure.clone(), level: stage.level, value };
@@ -45,16 +44,4 @@ pub(super) fn of_group(
         }
     }
     all
-}
-
-/// The differences curriculum − afresh at the end of each stage, of the seeds that have both.
-pub(super) fn differences(curriculum: &Arm, afresh: &Arm, bootstrap: &Bootstrap) -> Vec<PlasticityEnd> {
-    let of_end = |end: &PlasticityEnd| {
-        let same = |other: &&PlasticityEnd| other.measure == end.measure && other.level == end.level;
-        let other = &afresh.plasticity_ends.iter().find(same)?.value.seeds;
-        let pair = |(seed, value): (&u64, &f64)| Some((*seed, value - other.get(seed)?));
-        let value = OverSeeds::new(end.value.seeds.iter().filter_map(pair).collect(), bootstrap)?;
-        Some(PlasticityEnd { value, ..end.clone() })
-    };
-    curriculum.plasticity_ends.iter().filter_map(of_end).collect()
 }

@@ -7,7 +7,7 @@ use coverage_env::Level;
 use coverage_env::planner::{self, AStar, Optimal, Random};
 use serde::Serialize;
 
-use super::runs::Found;
+use super::found::Found;
 use crate::error::UserError;
 use crate::evaluate::{self, Starts};
 use crate::random::{Purpose, Stream};
@@ -24,7 +24,7 @@ pub struct LevelInfo {
     pub max_steps: u32,
     /// Uniform actions; none where the map cannot be read.
     pub random: Option<Planner>,
-    /// The study's greedy A*; likewise.
+    /// The paper's greedy A*; likewise.
     pub astar: Option<Planner>,
     /// The proved optimum, where it is within reach.
     pub optimal: Option<Planner>,

@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 use csv::StringRecord;
 use rl_stats::curve::Curve as CurveSummary;
 
-use super::THRESHOLDS;
+use super::conventions::THRESHOLDS;
 use super::levels::LevelInfo;
 use crate::error::UserError;
 use crate::run::logs::{PLASTICITY, PROGRESS};

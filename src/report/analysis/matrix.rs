@@ -6,9 +6,9 @@ use rl_stats::pairs::estimate_mean;
 use rl_stats::{Bootstrap, Interval};
 use serde::Serialize;
 
-use super::arms::Group;
-use super::runs::Evaluated;
-use super::{ArmStage, LevelInfo};
+use super::groups::{ArmStage, Group};
+use super::levels::LevelInfo;
+use super::run::Evaluated;
 use crate::results::mean_std;
 
 /// The matrix of returns of a curriculum.

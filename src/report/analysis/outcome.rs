@@ -2,13 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use rl_stats::aggregate::{interquartile_mean, mean, median, median_run, optimality_gap};
+use rl_stats::aggregate::{interquartile_mean, mean, median_run};
 use rl_stats::pairs::estimate_mean;
 use rl_stats::{Bootstrap, Estimate, Time};
 use serde::Serialize;
 
-use super::THRESHOLDS;
-use super::runs::Run;
+use super::conventions::THRESHOLDS;
+use super::groups::Group;
+use super::run::Run;
 use crate::results::mean_std;
 
 /// One seed on one level, right after training on it.
@@ -52,7 +53,7 @@ pub struct LevelOutcome {
     pub return_iqm: Estimate,
     /// The mean normalised return.
     pub normalised: Option<Estimate>,
-    /// What is missing to the optimum: the mean of 1 − the normalised return.
+    /// What is missing to the optimum.
     pub optimality_gap: Option<Estimate>,
     /// Mean over seeds of length / optimal length.
     pub steps: Option<Estimate>,
@@ -79,23 +80,8 @@ pub struct ThresholdTimes {
     pub seeds: usize,
 }
 
-/// An arm over all its levels: normalised returns right after training on each. Runs are resampled level by level.
-#[derive(Clone, Debug, Serialize)]
-pub struct Aggregates {
-    /// Indices of the levels.
-    pub levels: Vec<usize>,
-    /// Mean over levels of the mean over seeds.
-    pub mean: Estimate,
-    /// Median over levels of the mean over seeds.
-    pub median: Estimate,
-    /// Interquartile mean over all runs.
-    pub interquartile_mean: Estimate,
-    /// Mean of 1 − min(score, 1).
-    pub optimality_gap: Estimate,
-}
-
 impl SeedOutcome {
-    pub(super) fn new(run: &Run, stage: u16, level: &str) -> Option<Self> {
+    fn new(run: &Run, stage: u16, level: &str) -> Option<Self> {
         let evaluated = run.evaluations.get(&(Some(stage), level.to_owned()))?;
         let summary = run.logs.stages.get(usize::from(stage)).and_then(|log| log.summary.as_ref());
         let summary = summary.filter(|summary| summary.area().is_some());
@@ -114,8 +100,14 @@ impl SeedOutcome {
 }
 
 impl LevelOutcome {
+    /// What the seeds that have finished their stage on this level earn right after it; `None` where none has.
+    pub(super) fn of(group: &Group, level: &str, bootstrap: &Bootstrap) -> Option<Self> {
+        let outcome = |run: &&Run| Some((run.manifest.seed, SeedOutcome::new(run, run.finished_stage(level)?, level)?));
+        Self::new(group.runs.iter().filter_map(outcome).collect(), bootstrap)
+    }
+
     /// Sums up seeds; `None` of none.
-    pub(super) fn new(seeds: BTreeMap<u64, SeedOutcome>, bootstrap: &Bootstrap) -> Option<Self> {
+    fn new(seeds: BTreeMap<u64, SeedOutcome>, bootstrap: &Bootstrap) -> Option<Self> {
         let all = |of: fn(&SeedOutcome) -> f64| seeds.values().map(of).collect::<Vec<f64>>();
         let estimate = |of: fn(&SeedOutcome) -> Option<f64>| {
             let values: Vec<f64> = seeds.values().filter_map(of).collect();
@@ -145,32 +137,17 @@ impl LevelOutcome {
 }
 
 impl ThresholdTimes {
+    /// Of seeds' times; none of no seeds.
+    pub fn new(threshold: f64, times: &[Time]) -> Option<Self> {
+        let censored = times.iter().filter(|&&time| time == Time::Never).count();
+        Some(Self { threshold, median: Time::median(times)?, censored, seeds: times.len() })
+    }
+
     fn all(seeds: &BTreeMap<u64, SeedOutcome>) -> Vec<Self> {
         let of = |(place, &threshold): (usize, &f64)| {
             let times: Vec<Time> = seeds.values().filter_map(|seed| seed.times.get(place).copied()).collect();
-            let censored = times.iter().filter(|&&time| time == Time::Never).count();
-            Some(Self { threshold, median: Time::median(&times)?, censored, seeds: times.len() })
+            Self::new(threshold, &times)
         };
         THRESHOLDS.iter().enumerate().filter_map(of).collect()
-    }
-}
-
-impl Aggregates {
-    /// Over the levels that have results; `None` without any, or where an optimum is unknown.
-    pub(super) fn new(outcomes: &[Option<LevelOutcome>], bootstrap: &Bootstrap) -> Option<Self> {
-        let with_results = |(level, outcome): (usize, &Option<LevelOutcome>)| {
-            let scores = outcome.as_ref()?.seeds.values().map(|seed| seed.normalised).collect::<Option<Vec<f64>>>();
-            Some((level, scores))
-        };
-        let (levels, scores): (Vec<usize>, Vec<Option<Vec<f64>>>) =
-            outcomes.iter().enumerate().filter_map(with_results).unzip();
-        let scores: Vec<Vec<f64>> = scores.into_iter().collect::<Option<_>>()?;
-        (!levels.is_empty()).then(|| Self {
-            levels,
-            mean: bootstrap.estimate(&scores, mean),
-            median: bootstrap.estimate(&scores, median),
-            interquartile_mean: bootstrap.estimate(&scores, interquartile_mean),
-            optimality_gap: bootstrap.estimate(&scores, |scores| optimality_gap(scores, 1.0)),
-        })
     }
 }

@@ -1,0 +1,173 @@
+//! Panels of plasticity measures over training.
+
+use std::collections::BTreeSet;
+
+use charts::{About, Axis, Curve, CurveChart, CurvePanel, Layout, Style, Width};
+
+use super::super::parts::caption;
+use super::super::parts::style::{short_name, style};
+use super::super::parts::timeline::Timeline;
+use super::super::parts::track::{Seeds, Track};
+use crate::report::analysis::{Analysis, Arm};
+
+/// What the columns of measures begin with.
+pub(super) const PREFIX: &str = "plasticity/";
+/// What a hidden layer has and an output layer has not.
+pub(super) const HIDDEN: &str = "effective_rank";
+pub(super) const WEIGHTS: &str = "weight_magnitude";
+
+/// The measures of a layer, and of all parameters, with the titles of their panels, in order.
+const TITLES: [(&str, &str); 12] = [
+    ("dormant_0.1", "dormant units, τ = 0.1 (share)"),
+    ("dormant_0.025", "dormant units, τ = 0.025 (share)"),
+    ("dead_units", "dead units (share; ReLU)"),
+    ("saturated_units", "saturated units (share; tanh)"),
+    ("saturated_activations", "saturated activations (share; tanh)"),
+    ("effective_rank", "effective rank"),
+    ("stable_rank", "stable rank"),
+    ("rank_99", "singular values for 99%"),
+    (WEIGHTS, "mean weight magnitude"),
+    ("grad_norm", "gradient norm before clipping"),
+    ("update_norm", "update norm"),
+    ("policy_churn", "policy churn (share of states)"),
+];
+
+/// The layer, if it is of one, and the name of a measure by its column.
+pub(super) fn parse(column: &str) -> (Option<&str>, &str) {
+    let column = column.strip_prefix(PREFIX).unwrap_or(column);
+    column.rsplit_once('/').map_or((None, column), |(layer, name)| (Some(layer), name))
+}
+
+/// Tower and number of a layer, such as `policy.1`.
+pub(super) fn layer_order(layer: &str) -> (&str, usize) {
+    let (tower, number) = layer.rsplit_once('.').unwrap_or((layer, ""));
+    (tower, number.parse().unwrap_or(0))
+}
+
+/// The layers of an arm that have this measure.
+pub(super) fn layers<'a>(arm: &'a Arm, measure: &str) -> Vec<&'a str> {
+    let layer = |column: &'a str| match parse(column) {
+        (Some(layer), name) if name == measure => Some(layer),
+        _ => None,
+    };
+    let all: BTreeSet<&str> = arm.plasticity.iter().filter_map(|series| layer(&series.measure)).collect();
+    let mut all: Vec<&str> = all.into_iter().collect();
+    all.sort_by_key(|layer| layer_order(layer));
+    all
+}
+
+/// The last hidden layer of the network that decides on actions.
+pub(super) fn acting_layer(arm: &Arm) -> Option<&str> {
+    let decides = |layer: &&str| ["policy", "q"].contains(&layer_order(layer).0);
+    layers(arm, HIDDEN).into_iter().rfind(decides)
+}
+
+/// One arm in a figure.
+#[derive(Clone)]
+pub(super) struct Line<'a> {
+    pub(super) arm: &'a Arm,
+    pub(super) name: String,
+    pub(super) style: Style,
+    /// The layer whose measures are drawn.
+    pub(super) layer: Option<&'a str>,
+}
+
+/// Curves of one measure: `column` gives the column of each line.
+pub(super) fn panel(
+    analysis: &Analysis,
+    timeline: &Timeline,
+    lines: &[Line],
+    title: String,
+    column: impl Fn(&Line) -> Option<String>,
+) -> Option<CurvePanel> {
+    let seeds = if lines.len() > 1 { Seeds::Hidden } else { Seeds::Shown };
+    let curve = |line: &Line| {
+        let mut curve = Curve::new(line.name.as_str(), line.style);
+        let column = column(line)?;
+        let of_column =
+            |level: usize| line.arm.plasticity.iter().find(|series| series.level == level && series.measure == column);
+        for level in timeline.levels() {
+            if let Some((series, x)) = of_column(level).zip(timeline.place(line.arm, level)) {
+                Track::from(series).append(&mut curve, seeds, x, |value| value);
+            }
+        }
+        (!curve.centre.is_empty()).then_some(curve)
+    };
+    let curves: Vec<Curve> = lines.iter().filter_map(curve).collect();
+    let stages = timeline.stages(analysis);
+    (!curves.is_empty()).then_some(CurvePanel { title, curves, stages, ..CurvePanel::default() })
+}
+
+/// A panel per measure of these lines: of all parameters if `whole`, and of each line's layer.
+pub(super) fn panels(analysis: &Analysis, timeline: &Timeline, lines: &[Line], whole: bool) -> Vec<CurvePanel> {
+    let mut measures: BTreeSet<&str> = BTreeSet::new();
+    for line in lines {
+        let shown = line.arm.plasticity.iter().map(|series| parse(&series.measure));
+        let shown = shown.filter(|(layer, _)| if layer.is_some() { *layer == line.layer } else { whole });
+        measures.extend(shown.map(|(_, name)| name));
+    }
+    // What has no title here goes by its own name, after all that have one.
+    let order = |name: &str| TITLES.iter().position(|(known, _)| *known == name).unwrap_or(TITLES.len());
+    let mut measures: Vec<&str> = measures.into_iter().collect();
+    measures.sort_by_key(|name| (order(name), *name));
+    let of_measure = |name: &str| {
+        let title = TITLES.get(order(name)).map_or(name, |(_, title)| title).to_owned();
+        panel(analysis, timeline, lines, title, |line| {
+            let of_layer = line.layer.map(|layer| format!("{PREFIX}{layer}/{name}"));
+            let logged = |column: &String| line.arm.plasticity.iter().any(|series| series.measure == *column);
+            of_layer.filter(logged).or_else(|| whole.then(|| format!("{PREFIX}{name}")))
+        })
+    };
+    measures.into_iter().filter_map(of_measure).collect()
+}
+
+pub(super) fn chart(timeline: &Timeline, about: About, panels: Vec<CurvePanel>) -> charts::Drawing {
+    CurveChart {
+        about,
+        layout: Layout { width: Width::Page, columns: 3, panel_height: 72.0 },
+        x: timeline.axis(),
+        y: Axis::default(),
+        free_y: true,
+        panels,
+    }
+    .draw()
+}
+
+/// What captions end with.
+pub(super) fn of_seeds(analysis: &Analysis, timeline: &Timeline, arms: &[usize]) -> String {
+    let of_arm = |&arm: &usize| analysis.arms[arm].plasticity.iter().flat_map(|series| series.mean.iter().flatten());
+    caption::join([
+        format!("Lines: means over seeds. {}", caption::seeds(analysis, arms)),
+        caption::bands(analysis, arms),
+        caption::points(arms.iter().map(of_arm)),
+        timeline.note().to_owned(),
+        caption::missing(analysis, arms),
+    ])
+}
+
+/// The arms that have logged plasticity as lines in their own styles, and a sentence on those that have not.
+pub(super) fn logged<'a>(analysis: &Analysis, arms: &[(usize, &'a Arm)]) -> (Vec<usize>, Vec<Line<'a>>, String) {
+    let (with, without): (Vec<_>, Vec<_>) = arms.iter().copied().partition(|(_, arm)| !arm.plasticity.is_empty());
+    let line = |&(index, arm): &(usize, &'a Arm)| Line {
+        arm,
+        name: short_name(arm),
+        style: style(analysis, index),
+        layer: acting_layer(arm),
+    };
+    let names: Vec<&str> = without.iter().map(|(_, arm)| arm.name.as_str()).collect();
+    let not_logged =
+        if names.is_empty() { String::new() } else { format!("Not logged, and so not shown: {}.", names.join(", ")) };
+    (with.iter().map(|&(index, _)| index).collect(), with.iter().map(line).collect(), not_logged)
+}
+
+/// Which layer the measures are of.
+pub(super) fn layer_note(lines: &[Line]) -> String {
+    let mut layers: Vec<String> = lines.iter().filter_map(|line| line.layer.map(str::to_owned)).collect();
+    layers.sort();
+    layers.dedup();
+    format!(
+        "Units, ranks and weights are those of the last hidden layer of the network that chooses actions ({}); gradient \
+         and update are of all parameters.",
+        layers.join(", ")
+    )
+}
