@@ -38,7 +38,7 @@ pub use groups::{ArmStage, Difference};
 pub use inventory::{Missing, RunInfo};
 pub use levels::{LevelInfo, PlannedStart, Planner};
 pub use matrix::{Matrix, MatrixCell, MatrixRow};
-pub use outcome::{LevelOutcome, SeedOutcome, ThresholdTimes};
+pub use outcome::{LevelOutcome, SeedOutcome, ThresholdTimes, optimality_gap};
 pub use over_seeds::OverSeeds;
 pub use pairs::Pair;
 pub use run::Protocol;

@@ -1,13 +1,13 @@
 //! Normalised returns right after training, over all levels at once.
 
-use rl_stats::aggregate::{interquartile_mean, mean, median, optimality_gap};
+use rl_stats::aggregate::{interquartile_mean, mean, median};
 use rl_stats::{Bootstrap, Estimate};
 use serde::Serialize;
 use serde_json::Value;
 
 use super::exhibit::{Definition, Exhibit, NamedTable};
 use super::parts::notes::{interval_note, level_names};
-use crate::report::analysis::{Analysis, Arm, LevelOutcome};
+use crate::report::analysis::{Analysis, Arm, LevelOutcome, optimality_gap};
 use crate::report::table::{Cell, Table};
 
 /// The section of docs/metrics.md.
@@ -51,7 +51,7 @@ impl OverLevels {
             mean: bootstrap.estimate(&scores, mean),
             median: bootstrap.estimate(&scores, median),
             interquartile_mean: bootstrap.estimate(&scores, interquartile_mean),
-            optimality_gap: bootstrap.estimate(&scores, |scores| optimality_gap(scores, 1.0)),
+            optimality_gap: optimality_gap(bootstrap, &scores),
         })
     }
 }
@@ -158,7 +158,7 @@ fn distance(analysis: &Analysis) -> Table {
         }
     }
     let notes = vec![
-        "Gap in return: 1 - normalised return. An unsolved start counts the step limit.".to_owned(),
+        "Gap in return: the optimality gap on the level. An unsolved start counts the step limit.".to_owned(),
         interval_note(analysis, shown.into_iter()),
     ];
     let columns =
