@@ -23,7 +23,7 @@ pub struct LevelResult {
     pub level: String,
     /// Mean return.
     pub mean: f64,
-    /// Population standard deviation (ddof 0) of the returns, as the study's.
+    /// Population standard deviation (ddof 0) of the returns, as the paper's.
     pub std: f64,
     /// Least return.
     pub min: i64,

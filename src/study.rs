@@ -1,4 +1,4 @@
-//! A study: several arms, each through a curriculum, on each of its levels afresh, or both.
+//! A study: several arms, each through a curriculum, on each of its levels from scratch, or both.
 
 use std::collections::BTreeSet;
 use std::fmt::Display;
@@ -17,7 +17,7 @@ use crate::curriculum::Curriculum;
 use crate::error::UserError;
 use crate::text_file;
 
-/// The published study and its controls, which needs no file.
+/// The paper's arms and their controls, which need no file.
 const PAPER: &str = include_str!("../configs/paper.yaml");
 /// A larger file is none of ours.
 const MAX_FILE_BYTES: u64 = 1 << 20;
@@ -51,7 +51,8 @@ pub enum Training {
     /// One agent through all levels.
     Curriculum,
     /// A new agent on each level alone.
-    Afresh,
+    #[serde(rename = "from scratch", alias = "afresh")]
+    FromScratch,
 }
 
 /// The file, key by key.
@@ -82,7 +83,7 @@ struct Arm {
 }
 
 impl Study {
-    /// The published study: `configs/paper.yaml`; `timesteps` replaces the arms' own.
+    /// The paper's arms with their controls: `configs/paper.yaml`; `timesteps` replaces the arms' own.
     ///
     /// # Errors
     /// `timesteps` out of range.
@@ -132,7 +133,7 @@ impl Study {
             let config = config::resolve(algo.as_deref(), config.as_deref().map(beside).as_deref(), set, timesteps)
                 .map_err(|error| refuse(&format_args!("this arm: {error}")))?;
             if trains.is_empty() {
-                return Err(refuse(&"trains: name curriculum, afresh or both").into());
+                return Err(refuse(&"trains: name curriculum, from scratch or both").into());
             }
             if arms.iter().any(|other| other.config.name == config.name) {
                 let message = "stands twice: give one of them a name of its own with set: [name=…]";
@@ -158,7 +159,7 @@ impl Study {
                     Training::Curriculum => {
                         experiments.push((config, Curriculum::sequence(self.levels.clone(), config.timesteps)?));
                     }
-                    Training::Afresh => {
+                    Training::FromScratch => {
                         let single = |level: &Level| (config, Curriculum::single(level.clone(), config.timesteps));
                         experiments.extend(self.levels.iter().map(single));
                     }
@@ -197,7 +198,7 @@ mod tests {
         let names: Vec<&str> = study.arms.iter().map(|arm| arm.config.name.as_str()).collect();
         assert_eq!(names, ["dqn", "ppo", "ppo-l2", "dqn-constant-eps", "ppo-eps", "ppo-l2-dohare"]);
         let experiments = study.experiments().unwrap();
-        // Six curricula, and five arms on five levels afresh.
+        // Six curricula, and five arms on five levels from scratch.
         assert_eq!(experiments.len(), 6 + 5 * 5);
         let timesteps: u64 = experiments.iter().map(|(_, curriculum)| curriculum.timesteps()).sum();
         assert_eq!(timesteps, 4 * 5_000_000 + 7 * 2_500_000);
@@ -208,12 +209,18 @@ mod tests {
     #[test]
     fn an_arm_may_have_settings_and_a_name_of_its_own() {
         let text = "name: mine\nlevels: [\"0\", 3]\narms:\n  - {algo: ppo, trains: [curriculum]}\n  \
-                    - {algo: ppo, set: [name=fast, learning_rate=3e-4], trains: [afresh]}\n";
+                    - {algo: ppo, set: [name=fast, learning_rate=3e-4], trains: [from scratch]}\n";
         let study = parse(text).unwrap();
         assert_eq!(study.levels.iter().map(Level::name).collect::<Vec<_>>(), ["0", "3"]);
         assert_eq!(study.arms[1].config.name, "fast");
         assert_eq!(study.arms[1].config.optimizer.learning_rate, 3e-4);
-        assert_eq!(study.arms[1].trains, [Training::Afresh]);
+        assert_eq!(study.arms[1].trains, [Training::FromScratch]);
+    }
+
+    #[test]
+    fn files_that_say_afresh_are_still_read() {
+        let study = parse("name: old\nlevels: [0]\narms: [{algo: ppo, trains: [curriculum, afresh]}]\n").unwrap();
+        assert_eq!(study.arms[0].trains, [Training::Curriculum, Training::FromScratch]);
     }
 
     #[test]
@@ -221,7 +228,10 @@ mod tests {
         let with = |levels: &str, arms: &str| format!("name: x\nlevels: {levels}\narms:\n{arms}");
         let one = "  - {algo: ppo, trains: [curriculum]}\n";
         for (text, says) in [
-            (with("[0]", "  - {algo: pop, trains: [afresh]}\n"), "study.yaml:4:5: this arm: --algo: unknown preset"),
+            (
+                with("[0]", "  - {algo: pop, trains: [from scratch]}\n"),
+                "study.yaml:4:5: this arm: --algo: unknown preset",
+            ),
             (with("[0]", "  - {algo: ppo, trains: []}\n"), "study.yaml:4:5: trains"),
             (with("[0]", "  - {algo: ppo, trains: [twice]}\n"), "study.yaml:4"),
             (with("[0]", &one.repeat(2)), "study.yaml:5:5: the arm ppo stands twice"),

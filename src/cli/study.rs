@@ -70,7 +70,7 @@ impl StudyArgs {
         conclude(&experiments, &outcomes, Ok(()))
     }
 
-    /// Tells what is to be trained, and for how long, by a short trial of each arm's speed.
+    /// Tells what is to be trained, and for how long. A short trial measures each arm's speed.
     fn say_what_is_left(&self, study: &Study, experiments: &[Experiment]) -> Result<()> {
         let jobs = self.launch.jobs();
         let queue: Vec<(&Config, u64)> = queue(experiments, jobs)
@@ -88,7 +88,7 @@ impl StudyArgs {
                 rates.insert(name, rate);
             }
         }
-        // Stacked seeds are reckoned one after another, which is more than they take.
+        // Seeds that share a thread are counted one after another, which is more than they take.
         let seconds = queue.iter().map(|(config, left)| match rates.get(config.name.as_str()) {
             Some(rate) => *left as f64 / rate,
             None => 0.0,

@@ -15,8 +15,8 @@ const STUDY: &str = "
 name: tiny
 levels: [a.yaml, b.yaml]
 arms:
-  - {config: ppo.yaml, trains: [curriculum, afresh]}
-  - {config: dqn.yaml, trains: [afresh]}
+  - {config: ppo.yaml, trains: [curriculum, from scratch]}
+  - {config: dqn.yaml, trains: [from scratch]}
 ";
 
 /// Its experiments.
@@ -59,8 +59,10 @@ fn a_signal_saves_the_seeds_of_all_experiments() {
     let sandbox = Sandbox::new();
     let levels = ["a", "b", "c"];
     let files = "[a.yaml, b.yaml, c.yaml]";
-    sandbox
-        .write("study.yaml", format!("name: long\nlevels: {files}\narms: [{{config: ppo.yaml, trains: [afresh]}}]\n"));
+    sandbox.write(
+        "study.yaml",
+        format!("name: long\nlevels: {files}\narms: [{{config: ppo.yaml, trains: [from scratch]}}]\n"),
+    );
     let [a, b, c] = levels.map(|level| sandbox.run(&format!("long/ppo/level-{level}/seed-0")));
     let options = "--seeds 0 --timesteps 30000";
     let command = format!("study study.yaml {options} --checkpoint-updates 8 --jobs 2");
