@@ -11,7 +11,7 @@ use cpp_rl::evaluate::{self, Starts};
 use cpp_rl::report::Format;
 use cpp_rl::report::analysis::Analysis;
 use cpp_rl::report::exhibits::{self, NamedTable};
-use cpp_rl::run::manifest::{Host, Manifest, StageEntry, Start, Status, Versions};
+use cpp_rl::run::manifest::{Engine, Host, Manifest, StageEntry, Start, Status, Versions};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
