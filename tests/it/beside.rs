@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use cpp_rl::report::Format;
+use cpp_rl::report::{Format, export};
 use cpp_rl::run::manifest::Manifest;
 use serde_json::json;
 use tempfile::TempDir;
@@ -122,6 +122,10 @@ fn a_report_of_own_levels_does_not_speak_of_the_paper() {
     let own = analysis(&[CURRICULUM, FROM_SCRATCH_B]);
     let text: String = tables(&own).iter().map(|named| named.table.render(Format::Markdown)).collect();
     assert!(!text.contains("the paper") && !text.contains("Exploratory Study"), "{text}");
+    let root = TempDir::new().expect("a folder");
+    export::write(&own, root.path(), "cpp-rl compare").expect("the folder is writable");
+    let html = fs::read_to_string(root.path().join("report.html")).expect("the page");
+    assert!(!html.contains("the paper") && !html.contains("Exploratory Study"));
     let papers = analysis(&[Fake { levels: &["0", "1"], ..CURRICULUM }]);
     let text: String = tables(&papers).iter().map(|named| named.table.render(Format::Markdown)).collect();
     assert_eq!(text.matches("Exploratory Study").count(), 1, "{text}");

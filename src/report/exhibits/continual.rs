@@ -194,7 +194,8 @@ impl Exhibit for Continual {
     }
 
     fn lead(&self) -> &'static str {
-        "Of normalised returns: 0 is the worst return there is, 1 the proved mean optimum."
+        "Of normalised returns: 0 is the worst return there is, 1 the proved mean optimum. R[i, j] is the return on the level \
+         of stage j after stage i, b[j] that of the untrained model, T the number of stages."
     }
 
     fn absence(&self) -> &'static str {

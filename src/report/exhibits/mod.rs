@@ -21,11 +21,10 @@ pub use levels::draw_levels;
 pub use matrix::{after_stage_of_arm, of_arm as matrix_of_arm};
 pub use missing::HEADING as MISSING;
 
-use super::Table;
 use super::analysis::Analysis;
 use super::names::make_unique;
 use super::published::TITLE;
-use super::table::Cell;
+use super::table::{Cell, Table};
 
 /// Every exhibit, in the order of a report.
 pub fn all(analysis: &Analysis) -> Vec<Box<dyn Exhibit>> {

@@ -28,8 +28,7 @@ impl Exhibit for Returns {
     }
 
     fn lead(&self) -> &'static str {
-        "Runs are seeds: every interval is over seeds, none over episodes. Rows marked (published) are what the paper \
-         printed, of one seed each. They stand beside arms that were trained on its levels in its order."
+        "Runs are seeds: every interval is over seeds, none over episodes."
     }
 
     fn absence(&self) -> &'static str {

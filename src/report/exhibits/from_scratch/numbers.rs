@@ -92,7 +92,7 @@ pub struct PairedTimes {
     pub threshold: f64,
     /// In the curriculum.
     pub curriculum: TimeSummary,
-    /// FromScratch.
+    /// From scratch.
     pub from_scratch: TimeSummary,
     /// Share of seeds that are sooner in the curriculum; a tie, as when both never get there, counts half. None on its
     /// first level.
