@@ -18,12 +18,13 @@ pub struct CompareArgs {
     /// Runs' directories, or folders of runs at any depth up to four.
     #[arg(value_name = "RUN_DIR", required = true)]
     runs: Vec<PathBuf>,
-    /// Also write the whole report into this folder: report.html with every figure and table, the figures as SVG and PNG,
-    /// the tables as Markdown, LaTeX and CSV, and everything as JSON.
+    /// Also write the whole report into this folder: report.html with every figure and table, the figures as SVG and
+    /// PNG, the tables as Markdown, LaTeX and CSV, and everything as JSON.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Learning curves of other programs or of the paper, to be drawn and tabled beside runs that are trained alike; may
-    /// be given many times. A CSV with the columns arm (or algo, run), level, seed (or repeat), timesteps and ep_rew_mean.
+    /// Learning curves of other programs or of the paper, to be drawn and tabled beside runs that are trained alike;
+    /// may be given many times. A CSV with the columns arm (or algo, run), level, seed (or repeat), timesteps and
+    /// ep_rew_mean.
     #[arg(long, value_name = "[NAME=]FILE", alias = "published-curves")]
     curves: Vec<String>,
     /// How the main tables are printed; json prints everything.

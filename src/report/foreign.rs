@@ -1,4 +1,5 @@
-//! Learning curves of other programs, to lie beside those of runs. They are no part of cpp-rl: who has them names the file.
+//! Learning curves of other programs, to lie beside those of runs. They are no part of cpp-rl: who has them names the
+//! file.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;

@@ -4,8 +4,8 @@ use coverage_env::Level;
 use serde::Serialize;
 
 /// The paper's title.
-pub const TITLE: &str = "Reinforcement Learning and Loss of Plasticity Phenomenon in Coverage Path Planning Environments: \
-                         An Exploratory Study";
+pub const TITLE: &str = "Reinforcement Learning and Loss of Plasticity Phenomenon in Coverage Path Planning \
+                         Environments: An Exploratory Study";
 /// The step limit of the paper's episodes.
 const MAX_STEPS: u32 = 200;
 /// The place in the sequence of the level after whose stage the paper evaluated its models on all levels.

@@ -1,4 +1,5 @@
-//! The files of a report, on runs that are written here: every figure drawn, nothing cut off, nothing silently left out.
+//! The files of a report, on runs that are written here: every figure drawn, nothing cut off, nothing silently left
+//! out.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;

@@ -190,8 +190,8 @@ fn differing_keys(groups: &[&Group]) -> Vec<String> {
     keys.iter().filter(differs).filter(|key| **key != "name").map(|key| (*key).clone()).collect()
 }
 
-/// The settings in which arms differ, with every arm's value; stages only where two curricula differ in them, since runs
-/// from scratch have none.
+/// The settings in which arms differ, with every arm's value; stages only where two curricula differ in them, since
+/// runs from scratch have none.
 pub(super) fn differences(groups: &[Group]) -> Vec<Difference> {
     let all: Vec<&Group> = groups.iter().collect();
     let curricula: Vec<&Group> = groups.iter().filter(|group| group.protocol == Protocol::Curriculum).collect();

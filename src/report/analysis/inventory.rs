@@ -83,8 +83,8 @@ impl RunInfo {
     }
 }
 
-/// Stages that are not done in runs that are there, levels that other seeds of an arm were trained on from scratch, and seeds
-/// that only the counterpart of an arm has: the curriculum's of runs from scratch, and the reverse.
+/// Stages that are not done in runs that are there, levels that other seeds of an arm were trained on from scratch, and
+/// seeds that only the counterpart of an arm has: the curriculum's of runs from scratch, and the reverse.
 pub(super) fn missing(groups: &[Group], levels: &[LevelInfo]) -> Vec<Missing> {
     let mut missing = Vec::new();
     for (arm, group) in groups.iter().enumerate() {

@@ -87,7 +87,8 @@ impl LevelInfo {
         self
     }
 
-    /// (R + max_steps) / (R_opt + max_steps): 0 for the worst return, 1 for the mean optimum; none where that is unknown.
+    /// (R + max_steps) / (R_opt + max_steps): 0 for the worst return, 1 for the mean optimum; none where that is
+    /// unknown.
     pub fn normalised(&self, mean_return: f64) -> Option<f64> {
         let worst = f64::from(self.max_steps);
         self.optimal.as_ref().map(|optimal| (mean_return + worst) / (optimal.mean + worst))

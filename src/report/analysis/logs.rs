@@ -221,8 +221,8 @@ impl Log {
         place.ok_or_else(|| UserError::new(format!("{} has no column {name}", self.path.display())))
     }
 
-    /// The numbers of the next row in these columns, an empty field being NaN; `Some(None)` for a row that is cut off or
-    /// no numbers, `None` after the last.
+    /// The numbers of the next row in these columns, an empty field being NaN; `Some(None)` for a row that is cut off
+    /// or no numbers, `None` after the last.
     fn next(&mut self, columns: &[usize]) -> Result<Option<Option<Vec<f64>>>> {
         let more = self.reader.read_record(&mut self.record);
         if !more.with_context(|| format!("cannot read {}", self.path.display()))? {

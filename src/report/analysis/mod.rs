@@ -1,12 +1,12 @@
-//! What a set of runs says, as one typed result. Tables, figures and files are made from an [`Analysis`] and from nothing
-//! else.
+//! What a set of runs says, as one typed result. Tables, figures and files are made from an [`Analysis`] and from
+//! nothing else.
 //!
-//! Runs are seeds. Intervals are over seeds, never over episodes; one seed has none. Returns are normalised to the share
-//! (R + max_steps) / (R_opt + max_steps) of the way from the worst return there is to the proved mean optimum.
+//! Runs are seeds. Intervals are over seeds, never over episodes; one seed has none. Returns are normalised to the
+//! share (R + max_steps) / (R_opt + max_steps) of the way from the worst return there is to the proved mean optimum.
 //! docs/metrics.md defines every measure.
 //!
-//! Its files depend on each other in one direction: `found` → `levels` → `logs` → `run` → `groups` → `outcome`, `matrix`,
-//! `curves`, `ends` → `arm`.
+//! Its files depend on each other in one direction: `found` → `levels` → `logs` → `run` → `groups` → `outcome`,
+//! `matrix`, `curves`, `ends` → `arm`.
 
 mod arm;
 mod bands;
@@ -84,8 +84,8 @@ impl Analysis {
     /// length. A run that cannot be read is left out, and named.
     ///
     /// # Errors
-    /// A directory without runs, no run that can be read, two runs that are the same seed of the same arm, and levels of
-    /// one name with differing maps.
+    /// A directory without runs, no run that can be read, two runs that are the same seed of the same arm, and levels
+    /// of one name with differing maps.
     pub fn read(directories: &[PathBuf]) -> Result<Self> {
         let (found, mut left_out) = found::find(directories)?;
         let levels = levels::of_runs(&found)?;
@@ -143,8 +143,8 @@ impl Analysis {
         self.published.as_ref()?.column(map, *max_steps)
     }
 
-    /// How many stages an arm has in common with the paper's sequence, from the first on: what it learned before these is
-    /// what the paper's models had learned. 0 for runs from scratch.
+    /// How many stages an arm has in common with the paper's sequence, from the first on: what it learned before these
+    /// is what the paper's models had learned. 0 for runs from scratch.
     pub fn stages_of_paper(&self, arm: &Arm) -> usize {
         let stages = arm.stages.iter().enumerate();
         let shared = stages.take_while(|(place, stage)| self.paper_column(stage.level) == Some(*place)).count();

@@ -31,8 +31,8 @@ pub struct SeedOutcome {
     pub steps_solved: Option<f64>,
     /// Area under the normalised learning curve of the stage, per timestep.
     pub area: Option<f64>,
-    /// When the learning curve first reached each of [`Conventions::thresholds`](super::Conventions), in timesteps of the
-    /// stage; empty without a curve.
+    /// When the learning curve first reached each of [`Conventions::thresholds`](super::Conventions), in timesteps of
+    /// the stage; empty without a curve.
     pub times: Vec<Time>,
 }
 

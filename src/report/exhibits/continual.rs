@@ -1,6 +1,7 @@
 //! Measures of continual learning, per seed and over seeds, of normalised returns.
 //!
-//! R[i, j] is the return on the level of stage j after stage i, b[j] that of the untrained model, T the number of stages.
+//! R[i, j] is the return on the level of stage j after stage i, b[j] that of the untrained model, T the number of
+//! stages.
 
 use std::collections::BTreeMap;
 
@@ -194,8 +195,8 @@ impl Exhibit for Continual {
     }
 
     fn lead(&self) -> &'static str {
-        "Of normalised returns: 0 is the worst return there is, 1 the proved mean optimum. R[i, j] is the return on the level \
-         of stage j after stage i, b[j] that of the untrained model, T the number of stages."
+        "Of normalised returns: 0 is the worst return there is, 1 the proved mean optimum. R[i, j] is the return on \
+         the level of stage j after stage i. b[j] is the untrained model's; T is the number of stages."
     }
 
     fn absence(&self) -> &'static str {

@@ -82,9 +82,10 @@ impl Exhibit for Improvements {
     fn definitions(&self) -> Vec<Definition> {
         vec![Definition {
             name: "probability of improvement",
-            meaning: "share of pairs of a run of X and a run of Y on the same level in which X earns more, ties half, \
-                      averaged over levels"
-                .to_owned(),
+            meaning:
+                "share of pairs, a run of X and one of Y on the same level, in which X earns more; ties count half; \
+                 averaged over levels"
+                    .to_owned(),
             place: "over-seeds-and-levels-agarwal-et-al-2021",
         }]
     }
@@ -150,25 +151,25 @@ impl Improvements {
         shown.sort_unstable();
         shown.dedup();
         (!panels.is_empty()).then(|| NamedFigure {
-        name: NAME.to_owned(),
-        caption: caption::join([
-            "Probability that a run of the first arm earns more right after training than a run of the second on the same \
-             level, averaged over levels; runs are not paired."
-                .to_owned(),
-            caption::seeds(analysis, &shown),
-            caption::intervals(analysis, &shown),
-            caption::missing(analysis, &shown),
-        ]),
-        drawing: IntervalChart {
-            about: About::new("Probability of improvement", "Each two arms, right after training on each level."),
-            layout: Layout { width: Width::Page, columns: panels.len(), panel_height: 60.0 },
-            orientation: Orientation::Horizontal,
-            values: Axis { range: Some((-0.03, 1.03)), ..Axis::new("probability of improvement") },
-            panels,
-            ..IntervalChart::default()
-        }
-        .draw(),
-        tables: vec![NAME.to_owned()],
-    })
+            name: NAME.to_owned(),
+            caption: caption::join([
+                "Probability that a run of the first arm earns more than a run of the second right after training \
+                 on the same level. It is averaged over levels; runs are not paired."
+                    .to_owned(),
+                caption::seeds(analysis, &shown),
+                caption::intervals(analysis, &shown),
+                caption::missing(analysis, &shown),
+            ]),
+            drawing: IntervalChart {
+                about: About::new("Probability of improvement", "Each two arms, right after training on each level."),
+                layout: Layout { width: Width::Page, columns: panels.len(), panel_height: 60.0 },
+                orientation: Orientation::Horizontal,
+                values: Axis { range: Some((-0.03, 1.03)), ..Axis::new("probability of improvement") },
+                panels,
+                ..IntervalChart::default()
+            }
+            .draw(),
+            tables: vec![NAME.to_owned()],
+        })
     }
 }

@@ -183,8 +183,8 @@ fn figure(analysis: &Analysis) -> Option<NamedFigure> {
     (!panels.is_empty()).then(|| NamedFigure {
         name: "matrices".to_owned(),
         caption: caption::join([
-            "R[i, j]: mean return on each level (columns) after each stage (rows: the level last trained on), greedy, from \
-             every start cell. On the diagonal is what was just trained on."
+            "R[i, j]: mean return on each level (columns) after each stage (rows: the level last trained on), greedy, \
+             from every start cell. On the diagonal is what was just trained on."
                 .to_owned(),
             format!("Means over seeds. {} Hatched: no result.", caption::seeds(analysis, &arms)),
             caption::missing(analysis, &arms),

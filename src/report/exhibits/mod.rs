@@ -63,8 +63,8 @@ pub fn sections(analysis: &Analysis, exhibits: &[Box<dyn Exhibit>]) -> Vec<Secti
     all
 }
 
-/// The tables that a terminal gets: what each arm earns, what it forgets, whether it learns worse than from scratch, and
-/// in what the arms differ.
+/// The tables that a terminal gets: what each arm earns, what it forgets, whether it learns worse than from scratch,
+/// and in what the arms differ.
 pub fn main_tables(analysis: &Analysis) -> Vec<Table> {
     let all = all(analysis);
     let main = all.iter().flat_map(|exhibit| shown(exhibit.tables(analysis))).filter(|named| named.is_main);

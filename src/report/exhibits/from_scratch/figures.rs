@@ -129,14 +129,16 @@ fn differences(analysis: &Analysis, contrasts: &[Contrast]) -> Option<NamedFigur
         ),
     ];
     let unpaired: usize = all.iter().flat_map(|a| &a.levels).flatten().map(|level| level.unpaired.len()).sum();
-    (!all.is_empty()).then(|| NamedFigure {
+    (!all.is_empty()).then(|| {
+        NamedFigure {
         name: "plasticity-loss".to_owned(),
         caption: caption::join([
-            "Curriculum against learning from scratch, paired by seed, of normalised returns. Differences below 0, and relative \
-             losses above 0, say that the level is learned worse with a past than without one. This is the nearest thing to \
-             a measured loss of plasticity. A difference of areas cannot exceed the area from scratch; the relative loss is \
-             its share of that area. Both are averaged over seeds before they are divided. A level that is not learned from \
-             scratch either shows no loss, and has no relative one. On the first level nobody has a past."
+            "Curriculum against learning from scratch, paired by seed, of normalised returns. Differences below 0, and \
+             relative losses above 0, say that the level is learned worse with a past than without one. This is the \
+             nearest thing to a measured loss of plasticity. A difference of areas cannot exceed the area from \
+             scratch; the relative loss is its share of that area. Both are averaged over seeds before they are \
+             divided. A level that is not learned from scratch either shows no loss, and has no relative one. On the \
+             first level nobody has a past."
                 .to_owned(),
             "Marks: means over pairs; dots: single pairs.".to_owned(),
             caption::intervals(analysis, &arms),
@@ -144,7 +146,7 @@ fn differences(analysis: &Analysis, contrasts: &[Contrast]) -> Option<NamedFigur
             caption::missing(analysis, &arms),
         ]),
         drawing: IntervalChart {
-            about: About::new("Curriculum against learning from scratch", "Areas and final returns compared, level by level."),
+            about: About::new("With a past and from scratch", "Areas and final returns compared, level by level."),
             layout: Layout { width: Width::Page, columns: 1, panel_height: 95.0 },
             // The panels' titles say what they measure.
             values: Axis::default(),
@@ -154,6 +156,7 @@ fn differences(analysis: &Analysis, contrasts: &[Contrast]) -> Option<NamedFigur
         }
         .draw(),
         tables: vec![TABLE.to_owned()],
+    }
     })
 }
 
@@ -187,12 +190,13 @@ fn sooner(analysis: &Analysis, contrasts: &[Contrast]) -> Option<NamedFigure> {
     };
     let never: Vec<String> = analysis.conventions.thresholds.iter().enumerate().map(censored).collect();
     let has_times = all.iter().flat_map(|a| &a.levels).flatten().any(|level| !level.thresholds.is_empty());
-    has_times.then(|| NamedFigure {
+    has_times.then(|| {
+        NamedFigure {
         name: TIMES.to_owned(),
         caption: caption::join([
-            "Share of seeds whose learning curve reaches a threshold sooner in the curriculum than from scratch; a tie counts \
-             half, as when both never get there. A dash: no seed does, with a past or without; on the curriculum's first level \
-             the two are the same training."
+            "Share of seeds whose learning curve reaches a threshold sooner in the curriculum than from scratch. A tie \
+             counts half, as when both never get there. A dash: no seed does, with a past or without. On the \
+             curriculum's first level the two are the same training."
                 .to_owned(),
             never.join(" "),
             caption::share_intervals(analysis, &arms),
@@ -207,5 +211,6 @@ fn sooner(analysis: &Analysis, contrasts: &[Contrast]) -> Option<NamedFigure> {
         }
         .draw(),
         tables: vec![TIMES.to_owned()],
+    }
     })
 }

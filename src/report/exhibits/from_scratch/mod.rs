@@ -45,11 +45,11 @@ impl Exhibit for FromScratch {
     }
 
     fn lead(&self) -> &'static str {
-        "The same algorithm, settings and seed number, with a past and without one. DQN's two sides differ in exploration, \
-         too. From scratch it begins with random actions: ε falls from 1 to 0.05. In a curriculum it does so on the first \
-         level only; later ones have ε = 0.05 throughout. An arm whose exploration_initial_eps is 0.05 has the same ε on \
-         both sides: it tells how much of a difference is the exploration's. Negative transfer and a hard level look like \
-         lost plasticity here: read it with the plasticity measures."
+        "The same algorithm, settings and seed number, with a past and without one. DQN's two sides differ in \
+         exploration, too. From scratch it begins with random actions: ε falls from 1 to 0.05. In a curriculum it does \
+         so on the first level only; later ones have ε = 0.05 throughout. An arm whose exploration_initial_eps is 0.05 \
+         has the same ε on both sides: it tells how much of a difference is the exploration's. Negative transfer and a \
+         hard level look like lost plasticity here: read it with the plasticity measures."
     }
 
     fn absence(&self) -> &'static str {

@@ -1,5 +1,5 @@
-//! Each level in the curriculum against the same level learned from scratch, paired by seed: the nearest thing to a measured
-//! loss of plasticity.
+//! Each level in the curriculum against the same level learned from scratch, paired by seed: the nearest thing to a
+//! measured loss of plasticity.
 
 use std::collections::BTreeMap;
 
@@ -57,8 +57,8 @@ pub struct LevelContrast {
     pub is_first: bool,
     /// Share of start cells that the runs from scratch solve at their end: whether the level can be learned at all.
     pub from_scratch_solved_share: f64,
-    /// How many of the runs from scratch reach each threshold, and when: whether it can be learned, before an end that may be
-    /// an unlucky one.
+    /// How many of the runs from scratch reach each threshold, and when: whether it can be learned, before an end that
+    /// may be an unlucky one.
     pub from_scratch_thresholds: Vec<ThresholdTimes>,
     /// Area under the normalised learning curve.
     pub area: Option<Paired>,

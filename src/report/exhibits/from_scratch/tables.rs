@@ -19,9 +19,9 @@ fn notes(analysis: &Analysis, contrasts: &[Contrast]) -> Vec<String> {
     };
     let estimates: Vec<(usize, Estimate)> = contrasts.iter().flat_map(estimates).collect();
     let mut notes = vec![
-        "Paired by seed. Differences are curriculum - from scratch: below 0 the curriculum learns worse. Where few runs \
-         from scratch get far, the level is hard, and shows no loss of plasticity. The curriculum's first level is the same \
-         training as from scratch: no seed can do better there."
+        "Paired by seed. Differences are curriculum - from scratch: below 0 the curriculum learns worse. Where few \
+         runs from scratch get far, the level is hard, and shows no loss of plasticity. The curriculum's first level \
+         is the same training as from scratch: no seed can do better there."
             .to_owned(),
         interval_note(analysis, estimates.iter().map(|(arm, estimate)| (*arm, estimate))),
         "Shares of seeds: exact intervals (Clopper-Pearson).".to_owned(),
@@ -135,8 +135,8 @@ pub(super) fn times(analysis: &Analysis, contrasts: &[Contrast]) -> Table {
     ];
     let mut notes = notes(analysis, contrasts);
     notes.push(
-        "Timesteps of the stage until the learning curve first reaches that share of the optimum. Never is later than any \
-         time; the count of seeds that never do is beside it."
+        "Timesteps of the stage until the learning curve first reaches that share of the optimum. Never is later than \
+         any time; the count of seeds that never do is beside it."
             .to_owned(),
     );
     Table::new("Time to a threshold in the curriculum and from scratch", columns, rows, notes)

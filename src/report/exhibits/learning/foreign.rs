@@ -40,9 +40,9 @@ fn is_level(analysis: &Analysis, level: usize, name: &str) -> bool {
     }
 }
 
-/// The curves that belong beside one of these arms on a level: of its preset, trained in the same way. Within a sequence
-/// the levels before must be the same, in the same order. A file that names no stages means the paper's sequence, which was
-/// also trained for the paper's timesteps.
+/// The curves that belong beside one of these arms on a level: of its preset, trained in the same way. Within a
+/// sequence the levels before must be the same, in the same order. A file that names no stages means the paper's
+/// sequence, which was also trained for the paper's timesteps.
 pub fn beside<'a>(analysis: &'a Analysis, arms: &[&Arm], level: usize) -> Vec<&'a ForeignCurve> {
     let belongs = |curve: &&ForeignCurve| arms.iter().any(|arm| is_beside(analysis, arm, level, curve));
     analysis.foreign_curves.iter().filter(belongs).collect()
@@ -157,8 +157,8 @@ pub fn table(analysis: &Analysis, all: &[Beside]) -> Table {
         THRESHOLDS.iter().flat_map(|threshold| [format!("time to {threshold}"), format!("never {threshold}")]);
     let fixed = ["arm", "level", "whose", "seeds", "timesteps"].map(str::to_owned);
     let notes = vec![
-        "Of learning curves, normalised. Times are medians over seeds; beside them stands how many seeds never get there. \
-         An area is the mean over a curve: do not compare areas of trainings of differing lengths."
+        "Of learning curves, normalised. Times are medians over seeds; beside them stands how many seeds never get \
+         there. An area is the mean over a curve: do not compare areas of trainings of differing lengths."
             .to_owned(),
         interval_note(analysis, areas.iter().map(|(arm, area)| (*arm, area))),
     ];

@@ -1,5 +1,5 @@
-//! Learning curves: returns during training. Of the paper's levels these are its Figures 2 to 4, and its Figure 6 as it was
-//! drawn.
+//! Learning curves: returns during training. Of the paper's levels these are its Figures 2 to 4, and its Figure 6 as it
+//! was drawn.
 
 mod foreign;
 
@@ -51,8 +51,8 @@ impl Exhibit for Learning {
     }
 
     fn lead(&self) -> &'static str {
-        "Training explores. What the trained policy earns when it always takes its best action stands under Returns right \
-         after training."
+        "Training explores. What the trained policy earns when it always takes its best action stands under Returns \
+         right after training."
     }
 
     fn absence(&self) -> &'static str {

@@ -87,8 +87,8 @@ pub fn planner_rows(analysis: &Analysis, levels: &[usize]) -> Vec<Vec<Cell>> {
     PLANNERS.map(row).to_vec()
 }
 
-/// What the paper printed for the model that an arm repeats. `is_shared` tells of a column, and of how many stages the arm
-/// has in common with the paper's sequence, whether the two have been trained alike; none where no column is.
+/// What the paper printed for the model that an arm repeats. `is_shared` tells of a column, and of how many stages the
+/// arm has in common with the paper's sequence, whether the two have been trained alike; none where no column is.
 pub fn published_row(
     analysis: &Analysis,
     arm: &Arm,

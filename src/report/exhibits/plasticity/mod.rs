@@ -42,8 +42,8 @@ impl Exhibit for Plasticity {
     }
 
     fn lead(&self) -> &'static str {
-        "Measured on fixed states of each level. Dormancy calls a tanh unit that is stuck at ±1 healthy: read dormant and \
-         saturated units together."
+        "Measured on fixed states of each level. Dormancy calls a tanh unit that is stuck at ±1 healthy: read dormant \
+         and saturated units together."
     }
 
     fn absence(&self) -> &'static str {

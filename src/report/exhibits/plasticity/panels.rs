@@ -166,8 +166,8 @@ pub(super) fn layer_note(lines: &[Line]) -> String {
     layers.sort();
     layers.dedup();
     format!(
-        "Units, ranks and weights are those of the last hidden layer of the network that chooses actions ({}); gradient \
-         and update are of all parameters.",
+        "Units, ranks and weights are those of the last hidden layer of the network that chooses actions ({}). \
+         Gradient and update are of all parameters.",
         layers.join(", ")
     )
 }
