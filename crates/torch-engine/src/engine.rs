@@ -5,12 +5,12 @@
 
 use std::collections::BTreeMap;
 
-use bit_mlp::{Batch, BitBatch};
+use bit_mlp::{Batch, BitBatch, Block};
 use cpp_rl::agent::config::OptimizerConfig;
 use cpp_rl::agent::engine::{
     Device, Engine, Entry, GradientNorms, LayerUnits, Loss, Parts, Pass, Pull, Statement, Units, Weights,
 };
-use cpp_rl::agent::network::Network;
+use cpp_rl::agent::network::{Network, Tower};
 use cpp_rl::agent::state::{AdamState, AgentState};
 use tch::{IndexOp, Kind, Tensor};
 
@@ -216,11 +216,14 @@ impl Engine for TorchEngine {
     }
 
     fn units(&self, seed: usize) -> Units {
-        let layer = |tensor: &Tensor| LayerUnits {
-            count: tensor.size()[2] as usize,
+        let layer = |(block, tensor): (&Block, &Tensor)| LayerUnits {
+            units: block.width,
+            values: tensor.size()[2] as usize,
             activations: to_vec(&tensor.i(seed as i64)),
         };
-        Units { towers: self.hidden.iter().map(|layers| layers.iter().map(layer).collect()).collect() }
+        let of_tower =
+            |(tower, layers): (&Tower, &Vec<Tensor>)| tower.mlp.blocks().iter().zip(layers).map(layer).collect();
+        Units { towers: self.network.towers().iter().zip(&self.hidden).map(of_tower).collect() }
     }
 
     fn copy(&mut self, name: &str) {

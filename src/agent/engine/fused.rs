@@ -148,10 +148,15 @@ impl Engine for FusedEngine {
     fn units(&self, seed: usize) -> Units {
         let Seed { workspaces, units_in, .. } = &self.seeds[seed];
         let of_tower = |(mlp, pass): (&Mlp, &Option<usize>)| {
-            let hidden = 0..mlp.blocks().len() - 1;
-            let layers = pass.iter().flat_map(|&pass| hidden.clone().map(move |i| workspaces[pass].activations(i)));
-            let units = layers
-                .map(|rows| LayerUnits { count: rows.width(), activations: rows.rows().flatten().copied().collect() });
+            let hidden = &mlp.blocks()[..mlp.blocks().len() - 1];
+            let layers = pass.iter().flat_map(|&pass| {
+                hidden.iter().enumerate().map(move |(i, block)| (block, workspaces[pass].activations(i)))
+            });
+            let units = layers.map(|(block, values)| LayerUnits {
+                units: block.width,
+                values: values.width(),
+                activations: values.rows().flatten().copied().collect(),
+            });
             units.collect()
         };
         Units { towers: self.towers.iter().zip(units_in).map(of_tower).collect() }

@@ -89,8 +89,10 @@ pub struct Units {
 /// What left the units of one hidden layer.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LayerUnits {
-    /// K.
-    pub count: usize,
+    /// How many units there are.
+    pub units: usize,
+    /// K, how many values leave them: more than one for each unit of CReLU.
+    pub values: usize,
     /// `[B, K]`, row-major.
     pub activations: Vec<f32>,
 }

@@ -5,12 +5,14 @@
 //! engine: it names a [`Pull`], or edits a [`Patient`].
 
 mod l2;
+mod patient;
 mod regimen;
 
 use std::any::Any;
 use std::fmt::Debug;
 
 pub use l2::{L2, L2Covers, L2Penalty};
+pub use patient::Patient;
 pub use regimen::Regimen;
 
 use super::Metrics;
@@ -19,7 +21,6 @@ use super::engine::{GradientNorms, Pull, Units};
 use super::network::Network;
 use super::state::AgentState;
 use crate::config::{Settings, Visitor, names};
-use crate::random::{Purpose, Stream};
 
 /// Every mitigation, with its default settings, in the order in which they act. A new one is a file beside these and a
 /// line here.
@@ -64,26 +65,6 @@ pub trait Mitigation: Settings + Any + Debug + Send + Sync {
     }
     /// A copy.
     fn boxed(&self) -> Box<dyn Mitigation>;
-}
-
-/// An agent that a mitigation may change.
-pub struct Patient<'a> {
-    /// Where its parameters lie.
-    pub network: &'a Network,
-    /// The agent.
-    pub agent: &'a mut AgentState,
-    /// The stage's number.
-    pub stage: u16,
-    /// Gradient steps of the agent's life so far; 0 where no mitigation counts them.
-    pub step: u64,
-}
-
-impl Patient<'_> {
-    /// Random numbers for a mitigation at this step: nobody else draws from this stream, and nothing has to be saved.
-    pub fn stream(&self, mitigation: &dyn Mitigation) -> Stream {
-        let purpose = Purpose::Mitigation { number: mitigation.number(), step: self.step as u32 };
-        Stream::new(self.agent.seed, self.stage, purpose)
-    }
 }
 
 /// The mitigations of a run.
