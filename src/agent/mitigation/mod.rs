@@ -5,6 +5,7 @@
 //! engine: it names a [`Pull`], or edits a [`Patient`].
 
 mod l2;
+mod l2_init;
 mod patient;
 mod regimen;
 
@@ -24,7 +25,10 @@ use crate::config::{Settings, Visitor, names};
 
 /// Every mitigation, with its default settings, in the order in which they act. A new one is a file beside these and a
 /// line here.
-const MITIGATIONS: &[fn() -> Box<dyn Mitigation>] = &[|| Box::new(L2Penalty::default())];
+const MITIGATIONS: &[fn() -> Box<dyn Mitigation>] = &[
+    || Box::new(l2::L2Penalty::default()),
+    || Box::new(l2_init::L2Init::default()),
+];
 
 /// A method against loss of plasticity, as its settings. Every hook has a default that does nothing and costs nothing.
 pub trait Mitigation: Settings + Any + Debug + Send + Sync {
