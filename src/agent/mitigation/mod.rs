@@ -8,6 +8,7 @@ mod l2;
 mod l2_init;
 mod patient;
 mod regimen;
+mod shrink_perturb;
 
 use std::any::Any;
 use std::fmt::Debug;
@@ -28,6 +29,7 @@ use crate::config::{Settings, Visitor, names};
 const MITIGATIONS: &[fn() -> Box<dyn Mitigation>] = &[
     || Box::new(l2::L2Penalty::default()),
     || Box::new(l2_init::L2Init::default()),
+    || Box::new(shrink_perturb::ShrinkPerturb::default()),
 ];
 
 /// A method against loss of plasticity, as its settings. Every hook has a default that does nothing and costs nothing.
