@@ -7,6 +7,7 @@
 mod l2;
 mod l2_init;
 mod patient;
+mod redo;
 mod regimen;
 mod shrink_perturb;
 
@@ -30,6 +31,7 @@ const MITIGATIONS: &[fn() -> Box<dyn Mitigation>] = &[
     || Box::new(l2::L2Penalty::default()),
     || Box::new(l2_init::L2Init::default()),
     || Box::new(shrink_perturb::ShrinkPerturb::default()),
+    || Box::new(redo::ReDo::default()),
 ];
 
 /// A method against loss of plasticity, as its settings. Every hook has a default that does nothing and costs nothing.
