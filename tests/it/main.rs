@@ -15,6 +15,7 @@ mod fixtures;
 mod limits;
 mod lines;
 mod messages;
+mod mitigations;
 mod numbers;
 mod plasticity;
 mod prose;

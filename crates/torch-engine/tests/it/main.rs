@@ -4,6 +4,8 @@ mod engines;
 #[allow(dead_code, reason = "cpp-rl's tests use the rest")]
 #[path = "../../../../tests/it/fixtures.rs"]
 mod fixtures;
+#[path = "../../../../tests/it/mitigations.rs"]
+mod mitigations;
 #[allow(dead_code, reason = "cpp-rl's tests use the rest")]
 #[path = "../../../../tests/it/numbers.rs"]
 mod numbers;
