@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use anyhow::{Result, anyhow};
 use clap::Args;
-use serde_json::Value;
 use tracing::warn;
 
 use super::{Seeds, is_of_user, signals};
@@ -193,7 +192,7 @@ fn say_what_they_are(experiments: &[Experiment], verbosity: Verbosity) {
     let mut said = BTreeSet::new();
     for Experiment { config, curriculum, .. } in experiments {
         let settings = (verbosity == Verbosity::Verbose).then(|| config.to_yaml().trim_end().to_owned());
-        let dose = Dose::new(config, curriculum, &Value::Null).line();
+        let dose = Dose::planned(config, curriculum).line();
         let dose = dose.map(|line| if experiments.len() > 1 { format!("{}: {line}", config.name) } else { line });
         for text in settings.into_iter().chain(dose) {
             if !said.contains(&text) {
@@ -274,18 +273,15 @@ fn measured_dose(outcome: &Outcome) -> Vec<String> {
         let Ok(Manifest { dose, .. }) = Manifest::read(&run.path).inspect_err(|error| warn!("{error:#}")) else {
             continue;
         };
-        let list = |key: &str| {
-            let numbers = dose.get(key).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
-            numbers.iter().filter_map(Value::as_f64).map(|v| format!("{v:.4}")).collect::<Vec<_>>().join(", ")
-        };
-        if !list("l2_ratio").is_empty() {
-            lines.push(format!(
-                "L2 dose of seed {}, stage by stage: ratio to the loss's gradient {}; norm of the weights {}",
-                run.seed,
-                list("l2_ratio"),
-                list("weight_norm")
-            ));
-        }
+        let list =
+            |values: &[Option<f64>]| values.iter().flatten().map(|v| format!("{v:.4}")).collect::<Vec<_>>().join(", ");
+        let Some(dose) = dose.filter(|dose| dose.l2_ratio.iter().any(Option::is_some)) else { continue };
+        lines.push(format!(
+            "L2 dose of seed {}, stage by stage: ratio to the loss's gradient {}; norm of the weights {}",
+            run.seed,
+            list(&dose.l2_ratio),
+            list(&dose.weight_norm)
+        ));
     }
     lines
 }

@@ -52,7 +52,7 @@ pub struct Manifest {
     /// Every setting, resolved.
     pub config: Map<String, Value>,
     /// What the L2 penalty amounts to.
-    pub dose: Value,
+    pub dose: Option<Dose>,
     /// What computes its networks.
     #[serde(alias = "kernel")]
     pub engine: Engine,
@@ -226,7 +226,7 @@ impl Manifest {
             marks: Vec::new(),
             levels: curriculum.levels.iter().map(|level| level.name().to_owned()).collect(),
             config: config.to_json(),
-            dose: Dose::new(config, curriculum, &Value::Null).to_json(),
+            dose: Some(Dose::planned(config, curriculum)),
             engine: plan.engine,
             device: plan.device.clone(),
             versions: Versions::here(),
@@ -238,6 +238,15 @@ impl Manifest {
             updated: now(),
             seconds: 0.0,
         }
+    }
+
+    /// Plans the dose of what is left: a run that is extended makes more steps. What finished stages measured stays.
+    pub(super) fn plan_dose(&mut self, plan: &Plan<'_>) {
+        let planned = Dose::planned(plan.config, plan.curriculum);
+        let measured = self.dose.take().unwrap_or_else(|| planned.clone());
+        let mut dose = Dose { weight_norm: measured.weight_norm, l2_ratio: measured.l2_ratio, ..planned };
+        dose.go_back(self.stages_done);
+        self.dose = Some(dose);
     }
 
     /// Asks for more timesteps of the only stage, which is taken up again; schedules keep the horizon they had.

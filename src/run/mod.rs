@@ -25,7 +25,6 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use event_file::SessionStatus;
-use serde_json::Value;
 use tracing::debug;
 
 use crate::agent::algorithm::Algorithm;
@@ -94,6 +93,8 @@ pub struct RunDir {
     algorithm: Box<dyn Algorithm>,
     network: Network,
     extensible: bool,
+    /// What the running stage has measured of the L2 penalty.
+    dose: StageDose,
     /// The newest file to go on from.
     newest: Option<PathBuf>,
     /// When this process took the run up, and the seconds spent before.
@@ -142,7 +143,7 @@ impl RunDir {
             atomic::sweep(directory).with_context(|| format!("cannot tidy up {}", directory.display()))?;
         }
         let network = plan.config.network(&plan.curriculum.stages[0].level);
-        let Found { standing, marks, seconds, file, damaged, mut notices } =
+        let Found { standing, marks, dose, seconds, file, damaged, mut notices } =
             standing::find(path, &manifest, plan, &network, extended)?;
         if let Standing::Finished = standing {
             if manifest.status != Status::Finished {
@@ -151,6 +152,7 @@ impl RunDir {
             }
         } else {
             notices.extend(set_aside(damaged, &standing)?);
+            manifest.plan_dose(plan);
             let start = Start::here(plan.command, standing.timesteps());
             notices.extend(manifest.starts.last().and_then(|last| other_instructions(path, last, &start)));
             manifest.status = Status::Running;
@@ -185,6 +187,7 @@ impl RunDir {
             algorithm: plan.config.algorithm.clone(),
             network,
             extensible: plan.curriculum.extensible,
+            dose,
             newest: file,
             since,
             _lock: lock,
@@ -209,11 +212,6 @@ impl RunDir {
     /// Timesteps that the schedules of a stage span, where the run was extended.
     pub fn horizon(&self, stage: u16) -> Option<u64> {
         self.manifest.stages.get(usize::from(stage))?.horizon
-    }
-
-    /// What is recorded of the L2 penalty's dose.
-    pub fn dose(&self) -> &Value {
-        &self.manifest.dose
     }
 
     /// Everything evaluated so far.
@@ -243,6 +241,7 @@ impl RunDir {
         let when = When { timesteps, cumulative, seconds: self.seconds() };
         let row = rows::progress(&mut self.progress_columns, stage, when, metrics)?;
         self.logs.append(PROGRESS, &row)?;
+        self.dose.measure(metrics);
         let stage = ("stage", f64::from(stage.index));
         let metrics = [stage].into_iter().chain(metrics.iter().copied());
         self.tensorboard(&tensorboard::progress(cumulative, when.fps(), metrics))
@@ -292,11 +291,17 @@ impl RunDir {
     ///
     /// # Errors
     /// Those of the file system; what was saved before is then still whole.
-    pub fn save(&mut self, stage: &Stage, snapshot: Snapshot, dose: StageDose) -> Result<()> {
+    pub fn save(&mut self, stage: &Stage, snapshot: Snapshot) -> Result<()> {
         self.logs.sync()?;
         let timesteps = snapshot.agent.counters.timesteps;
         let before = timesteps - snapshot.position.timesteps;
-        let saved = SavedSnapshot { stage: stage.index, snapshot, dose, seconds: self.seconds(), marks: self.marks() };
+        let saved = SavedSnapshot {
+            stage: stage.index,
+            snapshot,
+            dose: self.dose,
+            seconds: self.seconds(),
+            marks: self.marks(),
+        };
         let path = snapshot::path(&self.path, timesteps);
         saved.write(&path, &self.network).with_context(|| format!("cannot write {}", path.display()))?;
         self.newest = Some(path);
@@ -309,7 +314,7 @@ impl RunDir {
     ///
     /// # Errors
     /// Those of the file system.
-    pub fn finish_stage(&mut self, stage: &Stage, agent: &AgentState, dose: Value) -> Result<()> {
+    pub fn finish_stage(&mut self, stage: &Stage, agent: &AgentState) -> Result<()> {
         let is_last = usize::from(stage.index) + 1 == self.manifest.stages.len();
         if is_last {
             self.tensorboard(&tensorboard::end(SessionStatus::Success))?;
@@ -335,7 +340,9 @@ impl RunDir {
         self.manifest.stages_done = stage.index + 1;
         self.manifest.marks.truncate(stage.index.into());
         self.manifest.marks.push(self.marks());
-        self.manifest.dose = dose;
+        if let Some(dose) = &mut self.manifest.dose {
+            dose.end_stage(std::mem::take(&mut self.dose), &agent.parameters);
+        }
         if is_last {
             self.manifest.status = Status::Finished;
         }

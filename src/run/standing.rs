@@ -24,8 +24,8 @@ pub enum Standing {
     Fresh,
     /// After a stage, with this agent.
     Between(Box<AgentState>),
-    /// Within a stage, which has measured this dose.
-    Within(Box<Snapshot>, StageDose),
+    /// Within a stage.
+    Within(Box<Snapshot>),
     /// Nowhere: all stages are done.
     Finished,
 }
@@ -35,7 +35,7 @@ impl Standing {
     pub fn timesteps(&self) -> u64 {
         match self {
             Self::Between(agent) => agent.counters.timesteps,
-            Self::Within(snapshot, _) => snapshot.agent.counters.timesteps,
+            Self::Within(snapshot) => snapshot.agent.counters.timesteps,
             Self::Fresh | Self::Finished => 0,
         }
     }
@@ -46,6 +46,8 @@ pub(super) struct Found {
     pub standing: Standing,
     /// How far its files had grown.
     pub marks: Marks,
+    /// What the running stage has measured of the L2 penalty.
+    pub dose: StageDose,
     /// Seconds spent on it, where that is not the manifest's to say.
     pub seconds: Option<f64>,
     /// The file that it goes on from.
@@ -90,7 +92,8 @@ pub(super) fn find(
             }
             check(run, &file, &saved, manifest, plan, stage)?;
             return Ok(Found {
-                standing: Standing::Within(Box::new(saved.snapshot), saved.dose),
+                standing: Standing::Within(Box::new(saved.snapshot)),
+                dose: saved.dose,
                 marks: saved.marks,
                 seconds: Some(saved.seconds),
                 file: Some(file),
@@ -110,7 +113,15 @@ pub(super) fn find(
     }
     let Some(last) = done.checked_sub(1) else {
         let (standing, marks) = (Standing::Fresh, Marks::new());
-        return Ok(Found { standing, marks, seconds: None, file: None, damaged, notices: Vec::new() });
+        return Ok(Found {
+            standing,
+            marks,
+            dose: StageDose::default(),
+            seconds: None,
+            file: None,
+            damaged,
+            notices: Vec::new(),
+        });
     };
     let agent = last_agent(run, last, manifest, plan, network)?;
     let finished = usize::from(done) == plan.curriculum.stages.len();
@@ -126,7 +137,7 @@ pub(super) fn find(
     logs::check(run, &marks).map_err(needed)?;
     let standing = if finished { Standing::Finished } else { Standing::Between(Box::new(agent)) };
     let file = Some(stage_checkpoint(run, last));
-    Ok(Found { standing, marks, seconds: None, file, damaged, notices: Vec::new() })
+    Ok(Found { standing, marks, dose: StageDose::default(), seconds: None, file, damaged, notices: Vec::new() })
 }
 
 /// What to do about a snapshot that cannot be read but may be whole.

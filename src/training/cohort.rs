@@ -10,7 +10,6 @@ use crate::agent::network::Network;
 use crate::agent::snapshot::Snapshot;
 use crate::agent::state::AgentState;
 use crate::agent::{self, Metrics, Stage};
-use crate::dose::Dose;
 use crate::evaluate::{self, Choose, Starts};
 use crate::measure::probe::{Measurement, Monitor};
 use crate::results::LevelResult;
@@ -74,7 +73,8 @@ struct Run {
     agent: AgentState,
     /// Where its first stage goes on, if not at its beginning.
     snapshot: Option<Snapshot>,
-    dose: Dose,
+    /// Timesteps of the stages before this one.
+    before: u64,
     /// `train/n_updates` of the last row.
     updates: f64,
     failure: Option<Error>,
@@ -99,23 +99,19 @@ impl Run {
         for what in notices {
             link.tell(Event::Notice { seed, what });
         }
-        let mut dose = Dose::new(&experiment.config, &experiment.curriculum, dir.dose());
-        dose.go_on(dir.stages_done(), Default::default());
         let timesteps = standing.timesteps();
         let (agent, snapshot) = match standing {
             Standing::Finished => return Ok(Taken::Finished(FinishedRun::new(seed, &dir))),
             Standing::Fresh => (experiment.config.agent(experiment.level(0), seed), None),
             Standing::Between(agent) => (*agent, None),
-            Standing::Within(snapshot, of_stage) => {
-                dose.go_on(dir.stages_done(), of_stage);
-                (snapshot.agent.clone(), Some(*snapshot))
-            }
+            Standing::Within(snapshot) => (snapshot.agent.clone(), Some(*snapshot)),
         };
         if timesteps > 0 {
             link.tell(Event::Resumed { seed, timesteps });
         }
+        let before = agent.counters.timesteps - snapshot.as_ref().map_or(0, |snapshot| snapshot.position.timesteps);
         let updates = agent.counters.updates as f64;
-        Ok(Taken::Run(Box::new(Self { seed, dir, agent, snapshot, dose, updates, failure: None })))
+        Ok(Taken::Run(Box::new(Self { seed, dir, agent, snapshot, before, updates, failure: None })))
     }
 
     /// What runs that advance together have in common.
@@ -141,7 +137,7 @@ impl Run {
 
     /// Takes in a row of the log.
     fn log(&mut self, stage: &Stage, timesteps: u64, row: &Metrics, link: &Link<'_>) -> Result<()> {
-        let cumulative = self.agent.counters.timesteps + timesteps;
+        let cumulative = self.before + timesteps;
         check_finite(row, self.updates).map_err(|what| {
             let newest = self.dir.newest_checkpoint().map_or("none yet".to_owned(), |file| file.display().to_string());
             anyhow!(
@@ -151,7 +147,6 @@ impl Run {
             )
         })?;
         self.updates = value(row, "train/n_updates");
-        self.dose.measure(row);
         self.dir.log(stage, timesteps, cumulative, row)?;
         let (seed, stage, mean_return) = (self.seed, stage.index, value(row, "rollout/ep_rew_mean"));
         link.tell(Event::Progress { seed, stage, timesteps: cumulative, mean_return });
@@ -160,7 +155,7 @@ impl Run {
 
     /// Takes in a measurement of plasticity.
     fn log_plasticity(&mut self, stage: &Stage, timesteps: u64, measurement: &Measurement) -> Result<()> {
-        self.dir.log_plasticity(stage, timesteps, self.agent.counters.timesteps + timesteps, measurement)
+        self.dir.log_plasticity(stage, timesteps, self.before + timesteps, measurement)
     }
 }
 
@@ -208,9 +203,7 @@ impl Cohort<'_> {
             self.each(|experiment, link, run| {
                 let results = evaluate_all(experiment, &network, &run.agent);
                 run.dir.evaluated(Phase::After, stage.index, run.agent.counters.timesteps, &results)?;
-                run.dose.end_stage(&run.agent.parameters);
-                let dose = run.dose.to_json();
-                run.dir.finish_stage(&stage, &run.agent, dose)?;
+                run.dir.finish_stage(&stage, &run.agent)?;
                 link.tell(Event::StageDone { seed: run.seed, stage: stage.index });
                 Ok(())
             });
@@ -223,10 +216,7 @@ impl Cohort<'_> {
         let config = &experiment.config;
         let snapshot = |run: &mut Run| {
             let beginning = || Snapshot::beginning(config, stage, run.agent.clone());
-            let snapshot = run.snapshot.take().unwrap_or_else(beginning);
-            // From here on the agent is that of the stage's beginning, which rows count from.
-            run.agent.counters.timesteps -= snapshot.position.timesteps;
-            snapshot
+            run.snapshot.take().unwrap_or_else(beginning)
         };
         let snapshots = self.runs.iter_mut().map(snapshot).collect();
         let mut learner = match agent::resume(config, stage, snapshots, experiment.engine) {
@@ -267,6 +257,7 @@ impl Cohort<'_> {
             }
         }
         for (run, agent) in self.runs.iter_mut().zip(learner.states()) {
+            run.before = agent.counters.timesteps;
             run.agent = agent;
         }
         Stopped::AtItsEnd
@@ -274,7 +265,7 @@ impl Cohort<'_> {
 
     fn save(&mut self, stage: &Stage, learner: &dyn agent::Learner) {
         for (s, run) in self.runs.iter_mut().enumerate() {
-            run.attempt(self.link, |run| run.dir.save(stage, learner.snapshot(s), run.dose.stage()));
+            run.attempt(self.link, |run| run.dir.save(stage, learner.snapshot(s)));
         }
     }
 

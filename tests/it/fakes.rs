@@ -12,7 +12,7 @@ use cpp_rl::report::Format;
 use cpp_rl::report::analysis::Analysis;
 use cpp_rl::report::exhibits::{self, NamedTable};
 use cpp_rl::run::manifest::{Engine, Host, Manifest, StageEntry, Start, Status, Versions};
-use serde_json::{Value, json};
+use serde_json::json;
 use tempfile::TempDir;
 
 pub(crate) const MAPS: [(&str, &str); 2] = [("a", "..#.\n.T..\n...T\n"), ("b", "T...\n..#.\n..#T\n")];
@@ -125,7 +125,7 @@ impl Fake {
             marks: Vec::new(),
             levels: self.levels.iter().map(|level| (*level).to_owned()).collect(),
             config: config.as_object().expect("an object").clone(),
-            dose: Value::Null,
+            dose: None,
             engine: Engine::Fused,
             device: "cpu".to_owned(),
             plasticity_interval: 0,

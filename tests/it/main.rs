@@ -12,6 +12,7 @@ mod dqn_schedule;
 mod fakes;
 mod faults;
 mod fixtures;
+mod house;
 mod limits;
 mod lines;
 mod messages;

@@ -203,12 +203,12 @@ pub(super) fn differences(groups: &[Group]) -> Vec<Difference> {
 
 /// Warns of an L2 penalty that cannot have acted.
 pub(super) fn weak_dose(group: &Group) -> Option<String> {
-    let doses = || group.runs.iter().map(|run| &run.manifest.dose);
-    let number = |key: &str| doses().find_map(|dose| dose.get(key)?.as_f64());
+    let doses = || group.runs.iter().filter_map(|run| run.manifest.dose.as_ref());
     let name = &group.name;
-    match doses().find_map(|dose| dose.get("l2")?.as_str())? {
+    let first = doses().next()?;
+    match first.l2.as_str() {
         "adamw" => {
-            let (planned, shrink) = (number("planned_shrink")?, number("shrink")?);
+            let (planned, shrink) = (first.planned_shrink?, first.shrink?);
             (1.0 - shrink < WEAK).then(|| {
                 format!(
                     "{name}: its L2 is too weak to act: over all stages it was to shrink the weights by {:.2}%, and in \
@@ -219,8 +219,8 @@ pub(super) fn weak_dose(group: &Group) -> Option<String> {
             })
         }
         "adam" | "loss" => {
-            let ratios = doses().filter_map(|dose| dose.get("l2_ratio")?.as_array()).flatten();
-            let largest = ratios.filter_map(Value::as_f64).fold(f64::NAN, f64::max);
+            let ratios = doses().flat_map(|dose| dose.l2_ratio.iter().flatten());
+            let largest = ratios.copied().fold(f64::NAN, f64::max);
             (largest < WEAK).then(|| {
                 format!(
                     "{name}: its L2 may be too weak to act: its gradient is at most {:.2}% of the loss's on average of \
