@@ -67,10 +67,10 @@ impl StageDose {
 impl Dose {
     /// What is known before training.
     pub fn planned(config: &Config, curriculum: &Curriculum) -> Self {
-        let of_stage = |stage: &Stage| config.algorithm.optimizer_steps(config, stage.timesteps);
+        let of_stage = |stage: &Stage| config.algorithm.optimizer_steps(&config.shared, stage.timesteps);
         let steps: u64 = curriculum.stages.iter().map(of_stage).sum();
-        let penalty = L2Penalty::of(config);
-        let decay = config.optimizer.learning_rate * penalty.coefficient;
+        let penalty = config.mitigations.find::<L2Penalty>().cloned().unwrap_or_default();
+        let decay = config.shared.optimizer.learning_rate * penalty.coefficient;
         let decoupled = |shrink: f64| (penalty.kind == L2::AdamW).then_some(shrink);
         Self {
             l2: penalty.kind.name().to_owned(),
@@ -148,6 +148,6 @@ mod tests {
     #[test]
     fn dqn_makes_a_step_every_fourth_timestep_after_its_start() {
         let config = crate::agent::config::resolve(Some("dqn"), None, &[], None).unwrap();
-        assert_eq!(config.algorithm.optimizer_steps(&config, 1_000_000), 250_000 - 25);
+        assert_eq!(config.algorithm.optimizer_steps(&config.shared, 1_000_000), 250_000 - 25);
     }
 }

@@ -157,10 +157,11 @@ impl Study {
             for training in trains {
                 match training {
                     Training::Curriculum => {
-                        experiments.push((config, Curriculum::sequence(self.levels.clone(), config.timesteps)?));
+                        experiments.push((config, Curriculum::sequence(self.levels.clone(), config.shared.timesteps)?));
                     }
                     Training::FromScratch => {
-                        let single = |level: &Level| (config, Curriculum::single(level.clone(), config.timesteps));
+                        let single =
+                            |level: &Level| (config, Curriculum::single(level.clone(), config.shared.timesteps));
                         experiments.extend(self.levels.iter().map(single));
                     }
                 }
@@ -203,7 +204,7 @@ mod tests {
         let timesteps: u64 = experiments.iter().map(|(_, curriculum)| curriculum.timesteps()).sum();
         assert_eq!(timesteps, 4 * 5_000_000 + 7 * 2_500_000);
         let short = Study::paper(Some(1000)).unwrap();
-        assert!(short.arms.iter().all(|arm| arm.config.timesteps == 1000));
+        assert!(short.arms.iter().all(|arm| arm.config.shared.timesteps == 1000));
     }
 
     #[test]
@@ -213,7 +214,7 @@ mod tests {
         let study = parse(text).unwrap();
         assert_eq!(study.levels.iter().map(Level::name).collect::<Vec<_>>(), ["0", "3"]);
         assert_eq!(study.arms[1].config.name, "fast");
-        assert_eq!(study.arms[1].config.optimizer.learning_rate, 3e-4);
+        assert_eq!(study.arms[1].config.shared.optimizer.learning_rate, 3e-4);
         assert_eq!(study.arms[1].trains, [Training::FromScratch]);
     }
 

@@ -3,17 +3,18 @@
 use std::any::Any;
 use std::path::Path;
 
-use bit_mlp::Activation;
 use coverage_env::{Level, Observation};
 use serde_json::{Map, Value};
 
-use super::algorithm::{self, Algorithm};
-use super::engine::{EngineChoice, Parts};
-use super::mitigation::{Listed, Mitigations};
-use super::network::{Head, Layout, Network};
+use super::algorithm::Algorithm;
+use super::engine::Parts;
+use super::mitigation::{Listed, Mitigations, Regimen};
+use super::network::{Head, Network};
+use super::registry;
+use super::shared::Shared;
+use super::stage::Stage;
 use super::state::AgentState;
-use crate::config::{self, Choice, ConfigError, Layers, Settings, Visitor};
-use crate::config::{at_least, check_name, choice, flag, fraction, integer, list, nearest, positive};
+use crate::config::{self, ConfigError, Layers, Settings, Visitor, check_name, choice, nearest};
 
 /// The most bytes that the parameters, the rollout or the replay buffer of one seed may take.
 const MAX_BYTES: u64 = 2 << 30;
@@ -23,43 +24,12 @@ const MAX_BYTES: u64 = 2 << 30;
 pub struct Config {
     /// The arm's name; also the name of its folder.
     pub name: String,
-    /// Timesteps per stage and seed.
-    pub timesteps: u64,
-    /// Step limit of an episode.
-    pub max_steps: u32,
-    /// Environments per seed, stepped together.
-    pub num_envs: usize,
-    /// Discount γ.
-    pub gamma: f64,
-    /// Widths of the hidden layers of each tower.
-    pub hidden: Vec<usize>,
-    /// Activation of the hidden layers.
-    pub activation: Activation,
-    /// Whether the sums of the hidden layers are normalised.
-    pub layer_norm: bool,
-    /// Adam.
-    pub optimizer: OptimizerConfig,
+    /// What all algorithms share.
+    pub shared: Shared,
     /// The methods against loss of plasticity.
     pub mitigations: Mitigations,
     /// The algorithm and what only it has.
     pub algorithm: Box<dyn Algorithm>,
-    /// Which engine computes updates.
-    pub engine: EngineChoice,
-}
-
-/// Adam (Kingma & Ba 2015), with clipping.
-#[derive(Clone, Debug, PartialEq)]
-pub struct OptimizerConfig {
-    /// Step size α.
-    pub learning_rate: f64,
-    /// ε of Adam's denominator.
-    pub adam_eps: f64,
-    /// Gradients of one seed are scaled down to this Euclidean norm.
-    pub max_grad_norm: f64,
-}
-
-impl Choice for Activation {
-    const ALL: &'static [(&'static str, Self)] = &[("tanh", Self::Tanh), ("relu", Self::Relu), ("crelu", Self::Crelu)];
 }
 
 /// Resolves preset, file and `--set key=value` flags, in this order, into a config.
@@ -80,23 +50,9 @@ pub fn resolve(
 impl Config {
     /// The paper's settings for an algorithm; presets say what differs.
     fn new(algorithm: Box<dyn Algorithm>) -> Self {
-        let optimizer = OptimizerConfig { learning_rate: 1e-4, adam_eps: 1e-5, max_grad_norm: 0.5 };
-        let mut config = Self {
-            name: algorithm.name().to_owned(),
-            timesteps: 500_000,
-            max_steps: coverage_env::MAX_STEPS,
-            num_envs: 1,
-            gamma: 0.99,
-            hidden: vec![64, 64],
-            activation: Activation::Tanh,
-            layer_norm: false,
-            optimizer,
-            mitigations: Mitigations::new(&[]),
-            algorithm: algorithm.boxed(),
-            engine: EngineChoice::Auto,
-        };
-        algorithm.defaults(&mut config);
-        config
+        let mut shared = Shared::default();
+        algorithm.defaults(&mut shared);
+        Self { name: algorithm.name().to_owned(), shared, mitigations: Mitigations::new(&[]), algorithm }
     }
 
     /// Takes settings that a manifest recorded, of this version or an earlier one.
@@ -111,7 +67,7 @@ impl Config {
     fn from_layers(mut layers: Layers) -> Result<Self, ConfigError> {
         // Up to version 0.1.0 the engines had other names.
         layers.rename("kernel", "engine", &[("autograd", "libtorch")]);
-        let Some(algorithm) = layers.take_text("algorithm", known_algorithm)?.as_deref().and_then(algorithm::by_name)
+        let Some(algorithm) = layers.take_text("algorithm", known_algorithm)?.as_deref().and_then(registry::by_name)
         else {
             let names: Vec<&str> = config::preset_names().collect();
             let problem = format!("no algorithm chosen: say --algo with one of {}", names.join(", "));
@@ -124,7 +80,7 @@ impl Config {
         layers.fill(&mut Listed(&mut config.mitigations))?;
         layers.fill(&mut config)?;
         let misfits = config.misfits().map(|(key, problem)| layers.error(key, problem));
-        let products = config.algorithm.check(&config).err();
+        let products = config.algorithm.check(&config.shared).err();
         let products = products.map(|misfit| {
             // Whichever of them the user set is the one to change.
             layers.error(layers.set_by_user(misfit.keys).unwrap_or(""), misfit.problem)
@@ -135,13 +91,13 @@ impl Config {
 
     /// What mitigations cannot work with.
     fn misfits(&self) -> Option<(&'static str, String)> {
-        self.mitigations.check(self).err()
+        self.mitigations.check(&self.shared).err()
     }
 
     fn unknown_key(&self, key: &str) -> String {
         let known: Vec<&str> =
             ["name", "algorithm", "extends"].into_iter().chain(config::keys(&mut self.clone())).collect();
-        let others = algorithm::names().into_iter().filter_map(algorithm::by_name);
+        let others = registry::names().into_iter().filter_map(registry::by_name);
         let other = others.into_iter().find(|other| config::keys(&mut *other.boxed()).contains(&key));
         let remedy = match (other, Mitigations::with_key(key)) {
             (Some(other), _) => format!("it is one of {}", other.name()),
@@ -178,11 +134,7 @@ impl Config {
 
     /// The network that is trained on maps of this level's size.
     pub fn network(&self, level: &Level) -> Network {
-        Network::new(self.layout(Observation::len(level)), self.algorithm.heads())
-    }
-
-    fn layout(&self, inputs: usize) -> Layout {
-        Layout { inputs, hidden: self.hidden.clone(), activation: self.activation, layer_norm: self.layer_norm }
+        Network::new(self.shared.layout(level), self.algorithm.heads())
     }
 
     /// An agent from scratch, for maps of this level's size.
@@ -190,11 +142,17 @@ impl Config {
         AgentState::new(&self.network(level), seed, self.algorithm.copies())
     }
 
+    /// The mitigations at work on these agents in a stage.
+    pub fn regimen<'a>(&self, stage: &Stage, agents: impl Iterator<Item = &'a AgentState>) -> Regimen {
+        let network = self.network(&stage.level);
+        Regimen::new(&self.mitigations, &self.shared.optimizer, network, stage.index, agents)
+    }
+
     /// What an engine is made of, for these agents on maps of this level's size.
     pub fn parts(&self, level: &Level, agents: Vec<AgentState>) -> Parts {
         Parts {
             network: self.network(level),
-            optimizer: self.optimizer.clone(),
+            optimizer: self.shared.optimizer.clone(),
             pulls: self.mitigations.pulls(),
             agents,
         }
@@ -211,18 +169,18 @@ impl Config {
             [] => "gradient and Adam's moments".to_owned(),
             names => format!("gradient, Adam's moments and {} network", names.join(", ")),
         };
-        let hidden = &self.hidden;
+        let hidden = &self.shared.hidden;
         let what = format!(
             "hidden: {hidden:?}: a network of {parameters} parameters on maps of {cells} cells, with {beside},"
         );
         refuse_large(parameters.saturating_mul(4 * (4 + copies.len() as u64)), what)?;
-        let (what, bytes) = self.algorithm.memory(self, cells);
+        let (what, bytes) = self.algorithm.memory(&self.shared, cells);
         refuse_large(bytes, what)
     }
 
     /// Parameters of all towers on maps of so many cells, without making them.
     fn num_parameters(&self, cells: usize) -> u64 {
-        let layout = self.layout(Observation::CHANNELS * cells);
+        let layout = self.shared.layout_of(Observation::CHANNELS * cells);
         let of_head = |head: &Head| layout.shape(head.outputs).num_parameters();
         self.algorithm.heads().iter().map(of_head).fold(0, u64::saturating_add)
     }
@@ -231,25 +189,10 @@ impl Config {
 impl Settings for Config {
     /// Every setting but `name`, `algorithm` and `extends`, which decide what is declared.
     fn visit(&mut self, v: &mut dyn Visitor) {
-        const M: u64 = 1_000_000;
-        v.field(
-            "timesteps",
-            "timesteps per stage and seed (PPO rounds up to whole rollouts)",
-            &mut integer(&mut self.timesteps, 1..=1_000_000 * M),
-        );
-        v.field("max_steps", "step limit of an episode", &mut integer(&mut self.max_steps, 1..=M));
-        v.field("num_envs", "environments per seed", &mut integer(&mut self.num_envs, 1..=4096));
-        v.field("gamma", "discount", &mut fraction(&mut self.gamma));
-        v.field("hidden", "widths of the hidden layers", &mut list(&mut self.hidden, 0..=8, 1..=4096));
-        v.field("activation", "activation of the hidden layers", &mut choice(&mut self.activation));
-        v.field("layer_norm", "normalise the sums of the hidden layers", &mut flag(&mut self.layer_norm));
-        let optimizer = &mut self.optimizer;
-        v.field("learning_rate", "step size of Adam", &mut positive(&mut optimizer.learning_rate));
-        v.field("adam_eps", "epsilon of Adam's denominator", &mut at_least(&mut optimizer.adam_eps, 1e-12));
-        v.field("max_grad_norm", "largest norm of a seed's gradient", &mut positive(&mut optimizer.max_grad_norm));
+        self.shared.visit(v);
         self.mitigations.visit(v);
         self.algorithm.visit(v);
-        v.field("engine", "what computes networks: fused or libtorch", &mut choice(&mut self.engine));
+        v.field("engine", "what computes networks: fused or libtorch", &mut choice(&mut self.shared.engine));
     }
 }
 
@@ -260,7 +203,7 @@ impl PartialEq for Config {
 }
 
 fn known_algorithm(name: &str) -> Result<(), String> {
-    let names = algorithm::names();
+    let names = registry::names();
     if names.contains(&name) {
         return Ok(());
     }

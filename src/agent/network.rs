@@ -215,12 +215,12 @@ fn orthogonal(weight: &mut [f32], rows: usize, columns: usize, gain: f64, stream
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::algorithm;
+    use crate::agent::registry;
     use crate::random::Purpose;
 
     fn network(algorithm: &str, inputs: usize, hidden: &[usize], activation: Activation) -> Network {
         let layout = Layout { inputs, hidden: hidden.to_vec(), activation, layer_norm: false };
-        Network::new(layout, algorithm::by_name(algorithm).unwrap().heads())
+        Network::new(layout, registry::by_name(algorithm).unwrap().heads())
     }
 
     #[test]
@@ -269,7 +269,7 @@ mod tests {
     #[test]
     fn norms_begin_as_the_identity() {
         let layout = Layout { inputs: 60, hidden: vec![7, 5], activation: Activation::Crelu, layer_norm: true };
-        let network = Network::new(layout, algorithm::by_name("dqn").unwrap().heads());
+        let network = Network::new(layout, registry::by_name("dqn").unwrap().heads());
         let parameters = network.init(&mut Stream::new(1, 0, Purpose::Weights));
         for tensor in network.tensors().into_iter().filter(|tensor| tensor.shape.len() == 1) {
             let values = &parameters[tensor.range];

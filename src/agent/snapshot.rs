@@ -5,11 +5,10 @@ use std::collections::BTreeMap;
 use coverage_env::{State, StateError, VecEnv};
 use serde::{Deserialize, Serialize};
 
-use super::Stage;
-use super::config::Config;
 use super::episodes::EpisodeWindow;
+use super::stage::Stage;
 use super::state::AgentState;
-use crate::random::{Purpose, Stream, StreamState};
+use crate::random::{Stream, StreamState};
 
 /// One seed between two calls of [`advance`](super::Learner::advance).
 ///
@@ -114,7 +113,7 @@ impl Position {
 /// A snapshot that cannot be one of the stage, as read from a damaged or foreign file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("not a snapshot of this stage: {0}")]
-pub struct SnapshotError(String);
+pub struct SnapshotError(pub(super) String);
 
 impl From<StateError> for SnapshotError {
     fn from(error: StateError) -> Self {
@@ -134,64 +133,9 @@ impl SnapshotError {
 }
 
 impl Snapshot {
-    /// The beginning of a stage, with an agent as it comes out of the stage before.
-    pub fn beginning(config: &Config, stage: &Stage, mut agent: AgentState) -> Self {
-        config.mitigations.begin_stage(&config.network(&stage.level), &mut agent, stage.index);
-        let stream = |purpose| Stream::new(agent.seed, stage.index, purpose);
-        let starts = (0..config.num_envs as u32).map(|i| stream(Purpose::Environment(i))).collect();
-        let envs = VecEnv::new(stage.level.clone(), config.max_steps, starts);
-        let [actions, minibatches] = [Purpose::Actions, Purpose::Minibatches].map(stream);
-        let position = Position::of(0, &envs, &actions, &minibatches, &EpisodeWindow::default());
-        let mut snapshot = Self { agent, position, buffers: Buffers::default() };
-        config.algorithm.begin(&mut snapshot);
-        snapshot
-    }
-
-    /// Checks everything that a learner relies on, since a file need not be trusted.
-    ///
-    /// # Errors
-    /// The first thing that cannot be so in this stage under these settings.
-    pub fn check(&self, config: &Config, stage: &Stage) -> Result<(), SnapshotError> {
-        let wrong = |what: &str| Err(SnapshotError(what.to_owned()));
-        let Self { agent, position, .. } = self;
-        let parameters = config.network(&stage.level).num_parameters();
-        let slices = [&agent.parameters, &agent.adam.exp_avg, &agent.adam.exp_avg_sq];
-        if slices.into_iter().chain(agent.kept.copies.values()).any(|slice| slice.len() != parameters) {
-            return wrong("the network has another size");
-        }
-        if config.algorithm.copies().iter().any(|&name| !agent.kept.copies.contains_key(name)) {
-            return wrong("it belongs to another algorithm");
-        }
-        if position.timesteps > agent.counters.timesteps
-            || !position.timesteps.is_multiple_of(config.num_envs as u64)
-            || position.episodes.count > position.timesteps
-        {
-            return wrong("its counts contradict one another");
-        }
-        if position.states.len() != config.num_envs || position.starts.len() != config.num_envs {
-            return wrong("the number of environments differs");
-        }
-        let own = |state: &StreamState, purpose| {
-            let beginning = Stream::new(agent.seed, stage.index, purpose).state();
-            (state.seed, state.stream) == (beginning.seed, beginning.stream)
-        };
-        let mut starts = position.starts.iter().zip(0..);
-        if !own(&position.actions, Purpose::Actions)
-            || !own(&position.minibatches, Purpose::Minibatches)
-            || !starts.all(|(state, i)| own(state, Purpose::Environment(i)))
-        {
-            return wrong("its random streams belong to another seed or stage");
-        }
-        if !position.episodes.is_possible(config.max_steps) {
-            return wrong("its window of episodes is not possible");
-        }
-        self.envs(config, stage)?;
-        config.algorithm.check_snapshot(self, &stage.level).map_err(SnapshotError)
-    }
-
     /// The environments as they stand.
-    pub(super) fn envs(&self, config: &Config, stage: &Stage) -> Result<VecEnv<Stream>, StateError> {
+    pub(super) fn envs(&self, max_steps: u32, stage: &Stage) -> Result<VecEnv<Stream>, StateError> {
         let starts = self.position.starts.iter().map(Stream::at).collect();
-        VecEnv::restore(stage.level.clone(), config.max_steps, self.position.states.clone(), starts)
+        VecEnv::restore(stage.level.clone(), max_steps, self.position.states.clone(), starts)
     }
 }

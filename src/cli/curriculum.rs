@@ -40,7 +40,7 @@ impl CurriculumArgs {
     /// Wrong input, and seeds that failed.
     pub fn run(&self, verbosity: Verbosity) -> Result<()> {
         let config = self.training.config()?;
-        let curriculum = Curriculum::sequence(parse_levels(&self.levels)?, config.timesteps)
+        let curriculum = Curriculum::sequence(parse_levels(&self.levels)?, config.shared.timesteps)
             .map_err(|problem| UserError::new(format!("--levels: {problem}")))?;
         let experiments = [self.training.experiment(config, curriculum, "curriculum")?];
         let [experiment] = &experiments;

@@ -32,7 +32,7 @@ impl TrainArgs {
     /// Wrong input, and seeds that failed.
     pub fn run(&self, verbosity: Verbosity) -> Result<()> {
         let config = self.training.config()?;
-        let curriculum = Curriculum::single(Level::resolve(&self.level)?, config.timesteps);
+        let curriculum = Curriculum::single(Level::resolve(&self.level)?, config.shared.timesteps);
         let experiments = [self.training.experiment(config, curriculum, "train")?];
         let outcomes = carry_out(&experiments, self.training.jobs(), verbosity, |_| {})?;
         let [experiment] = &experiments;

@@ -124,7 +124,7 @@ impl LaunchArgs {
     /// # Errors
     /// A device that is not there or does not suit the engine.
     pub fn engine(&self, config: &Config) -> Result<EngineKind> {
-        let kind = EngineKind::choose(config.engine, self.device).inspect_err(|problem| {
+        let kind = EngineKind::choose(config.shared.engine, self.device).inspect_err(|problem| {
             if let NoEngine::NotLinked(_) = problem {
                 super::process::hand_over();
             }

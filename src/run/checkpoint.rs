@@ -13,8 +13,9 @@ use serde_json::{Map, Value};
 use super::agent_file::{self, Described};
 use super::atomic;
 use super::container::{self, Container, FORMAT, NO_CRC, not_ours};
-use crate::agent::algorithm::{self, Algorithm};
+use crate::agent::algorithm::Algorithm;
 use crate::agent::network::{Layout, Network, Tower};
+use crate::agent::registry;
 use crate::agent::state::{AgentState, Counters};
 use crate::config::Choice;
 
@@ -146,7 +147,7 @@ impl Checkpoint {
     fn take(mut file: Container<'_>) -> Result<Self, String> {
         let header: Header = serde_json::from_str(&file.header).map_err(not_ours)?;
         let algorithm =
-            algorithm::by_name(&header.algorithm).ok_or_else(|| format!("unknown algorithm {:?}", header.algorithm))?;
+            registry::by_name(&header.algorithm).ok_or_else(|| format!("unknown algorithm {:?}", header.algorithm))?;
         let network = header.network(&*algorithm)?;
         let described = Described {
             seed: header.seed.unwrap_or(0),
@@ -209,7 +210,7 @@ mod tests {
     use super::*;
 
     fn checkpoint(algorithm: &str, inputs: usize, hidden: &[usize], activation: Activation) -> Checkpoint {
-        let algorithm = algorithm::by_name(algorithm).unwrap();
+        let algorithm = registry::by_name(algorithm).unwrap();
         let layout = Layout { inputs, hidden: hidden.to_vec(), activation, layer_norm: false };
         let network = Network::new(layout, algorithm.heads());
         let mut agent = AgentState::new(&network, 3, algorithm.copies());

@@ -291,7 +291,7 @@ impl Cohort<'_> {
 
 /// Every level, every start cell, the greedy policy.
 fn evaluate_all(experiment: &Experiment, network: &Network, agent: &AgentState) -> Vec<LevelResult> {
-    let max_steps = experiment.config.max_steps;
+    let max_steps = experiment.config.shared.max_steps;
     let of_level = |level| {
         let choose = &mut Choose::Greedy;
         evaluate::network(network, &agent.parameters, level, max_steps, Starts::Exhaustive, choose)

@@ -151,7 +151,7 @@ impl Case {
 
     /// The clipped gradient of update 1, from Adam's first moment: m = (1 − β₁)·(g + λθ), λ being coupled decay's.
     fn clipped_gradient(&self, after: &AgentState) -> Vec<f32> {
-        let penalty = L2Penalty::of(&self.config);
+        let penalty = self.config.mitigations.find::<L2Penalty>().expect("always there");
         let coupled = if penalty.kind == L2::Adam { penalty.coefficient as f32 } else { 0.0 };
         let moments = after.adam.exp_avg.iter().zip(&self.agent.parameters);
         moments.map(|(m, theta)| m / 0.1 - coupled * theta).collect()

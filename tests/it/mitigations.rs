@@ -7,7 +7,7 @@ use coverage_env::Level;
 use cpp_rl::agent::config::{self, Config};
 use cpp_rl::agent::dqn::{DqnLoss, Transitions};
 use cpp_rl::agent::engine::{Engine, EngineKind};
-use cpp_rl::agent::mitigation::{Patient, Regimen};
+use cpp_rl::agent::mitigation::Patient;
 use cpp_rl::agent::snapshot::Snapshot;
 use cpp_rl::agent::state::AgentState;
 use cpp_rl::agent::{self, Stage};
@@ -78,7 +78,7 @@ fn l2_init_is_pytorchs() {
         for make in crate::ENGINES {
             let mut engine = make(config.parts(&level(), vec![agent.clone()]));
             for update in 1..=10 {
-                let mut loss = DqnLoss::new(config.gamma as f32, &transitions);
+                let mut loss = DqnLoss::new(config.shared.gamma as f32, &transitions);
                 let norm = engine.descend(&mut [&mut loss]);
                 let expected = case["norms"][update - 1].as_f64().expect("a norm") as f32;
                 assert_close(&format!("norm of update {update}"), &norm, &[expected], 1e-5);
@@ -117,8 +117,8 @@ fn redo_recycles_what_pytorch_finds_dormant() {
         };
         for make in crate::ENGINES {
             let mut engine = make(config.parts(&level(), vec![agent.clone()]));
-            let mut regimen = Regimen::new(&config, &stage, [&agent].into_iter());
-            let mut loss = DqnLoss::new(config.gamma as f32, &transitions);
+            let mut regimen = config.regimen(&stage, [&agent].into_iter());
+            let mut loss = DqnLoss::new(config.shared.gamma as f32, &transitions);
             engine.descend(&mut [&mut loss]);
             let before = saved(&*engine, &agent);
             regimen.after_step(&mut *engine);

@@ -36,7 +36,7 @@ fn make_updates(case: &Case, engine: &mut dyn Engine) {
     for (i, transitions) in batches(case).iter().enumerate() {
         let update = i + 1;
         check_values(case, i, transitions, engine);
-        let mut loss = DqnLoss::new(case.config.gamma as f32, transitions);
+        let mut loss = DqnLoss::new(case.config.shared.gamma as f32, transitions);
         let norm = engine.descend(&mut [&mut loss])[0];
         assert_close(&format!("loss of update {update}"), &[loss.value], &[case.term(i, "loss")], 1e-5);
         assert_close(&format!("norm of update {update}"), &[norm], &[case.term(i, "gradient_norm")], 1e-5);

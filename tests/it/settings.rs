@@ -38,7 +38,7 @@ fn later_layers_win() {
 fn whole_numbers_may_be_written_as_floats() {
     for text in ["timesteps=5e5", "timesteps=500000.0", "timesteps=500000"] {
         let config = config::resolve(Some("ppo"), None, &[text.to_owned()], None).expect("valid");
-        assert_eq!(config.timesteps, 500_000, "{text}");
+        assert_eq!(config.shared.timesteps, 500_000, "{text}");
     }
     assert!(config::resolve(Some("ppo"), None, &["timesteps=0.5".to_owned()], None).is_err());
 }

@@ -64,6 +64,7 @@ mod forward;
 mod matmul;
 mod mlp;
 mod norm;
+mod packed;
 mod pull;
 mod workspace;
 

@@ -3,7 +3,7 @@
 use pulp::Arch;
 
 use crate::buffer::{Buffer, padded};
-use crate::forward::Packed;
+use crate::packed::Packed;
 
 /// Memory for [`Mlp::forward`](crate::Mlp::forward) and [`Mlp::backward`](crate::Mlp::backward).
 ///

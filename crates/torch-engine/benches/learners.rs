@@ -85,7 +85,7 @@ fn dqn(criterion: &mut Criterion) {
     for kind in ENGINES {
         let mut group = criterion.benchmark_group(format!("dqn_{}", kind.name()));
         let mut engine = engine_of(&config, kind);
-        let mut step = || engine.descend(&mut [&mut DqnLoss::new(config.gamma as f32, &transitions)]);
+        let mut step = || engine.descend(&mut [&mut DqnLoss::new(config.shared.gamma as f32, &transitions)]);
         group.bench_function("minibatch", |bencher| bencher.iter(&mut step));
         group.sample_size(10).sampling_mode(SamplingMode::Flat).throughput(Throughput::Elements(TIMESTEPS));
         let mut learner = learner(&config, kind);

@@ -6,11 +6,11 @@
 use std::collections::BTreeMap;
 
 use bit_mlp::{Batch, BitBatch, Block};
-use cpp_rl::agent::config::OptimizerConfig;
 use cpp_rl::agent::engine::{
     Device, Engine, Entry, GradientNorms, LayerUnits, Loss, Parts, Pass, Pull, Statement, Units, Weights,
 };
 use cpp_rl::agent::network::{Network, Tower};
+use cpp_rl::agent::optimizer::OptimizerConfig;
 use cpp_rl::agent::state::{AdamState, AgentState};
 use tch::{IndexOp, Kind, Tensor};
 

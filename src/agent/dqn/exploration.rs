@@ -1,7 +1,7 @@
 //! ε over the timesteps of a stage.
 
-use super::DqnConfig;
-use crate::agent::Stage;
+use super::settings::DqnConfig;
+use crate::agent::stage::Stage;
 
 /// ε over the timesteps of a stage.
 ///

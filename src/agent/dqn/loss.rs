@@ -2,8 +2,11 @@
 
 use coverage_env::Action;
 
-use super::{TARGET, Transitions};
+use super::replay::Transitions;
 use crate::agent::engine::{Column, Loss, Pass, Statement, Weights};
+
+/// The name of the copy that is the target network.
+pub(super) const TARGET: &str = "target";
 
 /// The loss of one seed on a minibatch of transitions.
 pub struct DqnLoss<'a> {

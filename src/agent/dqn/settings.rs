@@ -1,19 +1,6 @@
-//! DQN as a choice: its settings, its network, its limits.
+//! DQN's settings.
 
-use bit_mlp::Activation;
-use coverage_env::{Action, Level};
-
-use super::{Dqn, ReplayState, TARGET};
-use crate::agent::algorithm::{Algorithm, Misfit};
-use crate::agent::config::Config;
-use crate::agent::engine::Engine;
-use crate::agent::network::{Head, Init, Outputs};
-use crate::agent::snapshot::Snapshot;
-use crate::agent::{Learner, Stage};
 use crate::config::{Settings, Visitor, fraction, integer};
-
-/// One tower: action values `[inputs] → [4]`.
-const HEADS: [Head; 1] = [Head { name: "q", outputs: Action::COUNT, init: Init::Uniform }];
 
 /// What only DQN has. Defaults are the paper's.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,78 +77,5 @@ impl Settings for DqnConfig {
             "share of the first stage over which epsilon decays",
             &mut fraction(&mut self.exploration_fraction),
         );
-    }
-}
-
-impl Algorithm for DqnConfig {
-    fn name(&self) -> &'static str {
-        "dqn"
-    }
-
-    fn defaults(&self, config: &mut Config) {
-        config.timesteps = 1_000_000;
-        config.activation = Activation::Relu;
-        config.optimizer.adam_eps = 1e-8;
-        config.optimizer.max_grad_norm = 10.0;
-    }
-
-    fn outputs(&self) -> Outputs {
-        Outputs::Values
-    }
-
-    fn heads(&self) -> &'static [Head] {
-        &HEADS
-    }
-
-    fn copies(&self) -> &'static [&'static str] {
-        &[TARGET]
-    }
-
-    fn check(&self, config: &Config) -> Result<(), Misfit> {
-        if self.buffer_size >= config.num_envs {
-            return Ok(());
-        }
-        Err(Misfit {
-            keys: &["num_envs", "buffer_size"],
-            problem: format!(
-                "buffer_size: expected room for a transition of each environment, {} (num_envs) or more, got {}",
-                config.num_envs, self.buffer_size
-            ),
-        })
-    }
-
-    fn memory(&self, _config: &Config, cells: usize) -> (String, u64) {
-        // The visited cells before and after, one bit each, and ten bytes more.
-        let transition = 2 * (cells as u64).div_ceil(64) * 8 + 10;
-        let what = format!("buffer_size: {} transitions on maps of {cells} cells", self.buffer_size);
-        (what, (self.buffer_size as u64).saturating_mul(transition))
-    }
-
-    fn optimizer_steps(&self, config: &Config, timesteps: u64) -> u64 {
-        let interval = self.train_freq * config.num_envs as u64;
-        let updates = timesteps.div_ceil(interval).saturating_sub(self.learning_starts / interval);
-        updates * self.gradient_steps as u64
-    }
-
-    fn begin(&self, snapshot: &mut Snapshot) {
-        ReplayState::default().write(&mut snapshot.buffers);
-    }
-
-    fn check_snapshot(&self, snapshot: &Snapshot, level: &Level) -> Result<(), String> {
-        ReplayState::read(&snapshot.buffers)?.check(self.buffer_size, level).map_err(str::to_owned)
-    }
-
-    fn learner(
-        &self,
-        config: &Config,
-        stage: &Stage,
-        snapshots: Vec<Snapshot>,
-        engine: Box<dyn Engine>,
-    ) -> Box<dyn Learner> {
-        Box::new(Dqn::new(config, self, stage, snapshots, engine))
-    }
-
-    fn boxed(&self) -> Box<dyn Algorithm> {
-        Box::new(self.clone())
     }
 }

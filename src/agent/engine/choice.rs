@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 use std::sync::OnceLock;
 
-use super::{Engine, Parts};
+use super::contract::{Engine, Parts};
 use crate::config::Choice;
 
 /// The setting `engine`.

@@ -7,7 +7,8 @@ use std::ops::Range;
 use bit_mlp::{AdamConfig, BitBatch, Decay, Decayed, GradientNorms, Mlp, Moments, Prepared, Workspace};
 use bit_mlp::{clip_and_adam, gradient_norms};
 
-use super::{Engine, Entry, LayerUnits, Loss, Parts, Pass, Pull, Units, Weights};
+use super::contract::{Engine, Entry, LayerUnits, Parts, Pull, Units};
+use super::loss::{Loss, Pass, Weights};
 use crate::agent::state::{AdamState, AgentState};
 
 /// Samples of one forward pass; keeps its working memory in the cache.

@@ -5,97 +5,14 @@
 //! `libtorch`, in a crate of its own, which states each loss a second time and leaves the derivative to autograd.
 
 mod choice;
+mod contract;
 mod fused;
 mod loss;
 
-use bit_mlp::BitBatch;
-
-use super::network::Network;
-use super::state::AgentState;
-
-pub use bit_mlp::GradientNorms;
 pub use choice::{Device, EngineChoice, EngineKind, Libtorch, NoEngine, install, libtorch};
+pub use contract::{Engine, Entry, GradientNorms, LayerUnits, Parts, Pull, Units};
 pub use fused::FusedEngine;
 pub use loss::{Column, Loss, Pass, Statement, Weights};
-
-use super::config::OptimizerConfig;
-
-/// S agents of one architecture, with their Adam.
-pub trait Engine: Send {
-    /// Outputs of the acting tower for the N current observations of each seed, `[S, N, outputs]`.
-    fn act(&mut self, inputs: &[BitBatch], outputs: &mut [f32]);
-    /// Outputs of one tower for all samples of each seed, `[B, outputs]` each; seeds may have unequally many.
-    fn forward(&mut self, tower: usize, inputs: &[&BitBatch]) -> Vec<Vec<f32>>;
-    /// One step of clipped Adam per seed down its loss, on equally many samples for each; the losses get their terms.
-    ///
-    /// Returns the norms of the gradients before clipping, `[S]`.
-    fn descend<'a>(&mut self, losses: &mut [&mut dyn Loss<'a>]) -> Vec<f32>;
-    /// Norms of a seed's last gradient, the loss's and the pulls'.
-    fn norms(&self, seed: usize) -> GradientNorms;
-    /// The activations of a seed's hidden units in its last step.
-    fn units(&self, seed: usize) -> Units;
-    /// Writes every agent's parameters into its copy of this name.
-    fn copy(&mut self, name: &str);
-    /// Changes an agent: parameters, moments, whatever it keeps.
-    fn edit(&mut self, seed: usize, change: &mut dyn FnMut(&mut AgentState));
-    /// Writes parameters, optimiser state and what is kept of a seed into `agent`; its counters stay.
-    fn save(&self, seed: usize, agent: &mut AgentState);
-}
-
-/// What an engine is made of.
-#[derive(Clone, Debug)]
-pub struct Parts {
-    /// The architecture.
-    pub network: Network,
-    /// Adam.
-    pub optimizer: OptimizerConfig,
-    /// What draws the parameters beside the loss.
-    pub pulls: Vec<Pull>,
-    /// The agents as they come out of the stage before; equally many Adam steps old.
-    pub agents: Vec<AgentState>,
-}
-
-/// A quadratic penalty ½λ‖θ − anchor‖², and where its gradient enters.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Pull {
-    /// Where it enters.
-    pub entry: Entry,
-    /// λ.
-    pub coefficient: f64,
-    /// The name of the [copy](super::state::Kept::copies) that is the anchor; none for 0.
-    pub anchor: Option<String>,
-    /// Whether biases and the parameters of norms are drawn, too.
-    pub covers_all: bool,
-}
-
-/// Where a penalty enters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Entry {
-    /// Beside the step: θ ← θ − αλθ (AdamW, Loshchilov & Hutter 2019).
-    Decoupled,
-    /// Added to the clipped gradient, before the moments.
-    InAdam,
-    /// Part of the loss, so that it is clipped with the rest.
-    InLoss,
-}
-
-/// The activations of one agent's hidden layers on a minibatch of B samples.
-#[derive(Clone, Debug, Default)]
-pub struct Units {
-    /// By tower and hidden layer.
-    pub towers: Vec<Vec<LayerUnits>>,
-}
-
-/// What left the units of one hidden layer.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct LayerUnits {
-    /// How many units there are.
-    pub units: usize,
-    /// K, how many values leave them: more than one for each unit of CReLU.
-    pub values: usize,
-    /// `[B, K]`, row-major.
-    pub activations: Vec<f32>,
-}
 
 /// Makes the engine of this kind.
 ///

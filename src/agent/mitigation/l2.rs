@@ -1,11 +1,10 @@
 //! L2: the weights are drawn to 0.
 
-use std::any::Any;
-
-use super::Mitigation;
-use crate::agent::Metrics;
-use crate::agent::config::Config;
+use super::hooks::Mitigation;
 use crate::agent::engine::{Entry, GradientNorms, Pull};
+use crate::agent::learner::Metrics;
+use crate::agent::optimizer::OptimizerConfig;
+use crate::agent::shared::Shared;
 use crate::config::{Choice, Settings, Visitor, choice, non_negative};
 
 /// How an L2 penalty acts on the parameters θ.
@@ -56,14 +55,6 @@ impl Default for L2Penalty {
     }
 }
 
-impl L2Penalty {
-    /// The penalty of a config, which always has one.
-    pub fn of(config: &Config) -> Self {
-        let found = config.mitigations.iter().find_map(|m| (m as &dyn Any).downcast_ref::<Self>().cloned());
-        found.unwrap_or_default()
-    }
-}
-
 impl Settings for L2Penalty {
     fn visit(&mut self, v: &mut dyn Visitor) {
         v.field("l2", "how the L2 penalty acts", &mut choice(&mut self.kind));
@@ -86,7 +77,7 @@ impl Mitigation for L2Penalty {
         true
     }
 
-    fn check(&self, _config: &Config) -> Result<(), (&'static str, String)> {
+    fn check(&self, _shared: &Shared) -> Result<(), (&'static str, String)> {
         if self.kind != L2::None || self.coefficient == 0.0 {
             return Ok(());
         }
@@ -107,13 +98,13 @@ impl Mitigation for L2Penalty {
 
     /// Where the penalty has a gradient, the ratio of its norm to that of the loss's gradient where the two are added, in
     /// the update's last minibatch.
-    fn metrics(&self, config: &Config, norms: &dyn Fn() -> GradientNorms) -> Metrics {
+    fn metrics(&self, optimizer: &OptimizerConfig, norms: &dyn Fn() -> GradientNorms) -> Metrics {
         let norms = match self.kind {
             L2::None | L2::AdamW => return Metrics::new(),
             L2::Adam | L2::Loss => norms(),
         };
         let loss = f64::from(norms.loss);
-        let beside = if self.kind == L2::Adam { loss.min(config.optimizer.max_grad_norm) } else { loss };
+        let beside = if self.kind == L2::Adam { loss.min(optimizer.max_grad_norm) } else { loss };
         vec![("train/l2_ratio", f64::from(norms.penalty) / beside)]
     }
 

@@ -1,7 +1,8 @@
 //! L2-Init: the parameters are drawn to where they began, and not to 0 (Kumar, Marklund & Van Roy 2023, "Maintaining
 //! Plasticity in Continual Learning via Regenerative Regularization").
 
-use super::{Mitigation, Patient};
+use super::hooks::Mitigation;
+use super::patient::Patient;
 use crate::agent::engine::{Entry, Pull};
 use crate::config::{Settings, Visitor, positive};
 

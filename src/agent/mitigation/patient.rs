@@ -2,11 +2,18 @@
 
 use std::ops::Range;
 
-use super::Mitigation;
 use crate::agent::engine::LayerUnits;
 use crate::agent::network::Network;
 use crate::agent::state::AgentState;
 use crate::random::{Purpose, Stream};
+
+/// The number under which an agent keeps its gradient steps, where mitigations count them.
+pub(super) const STEPS: &str = "mitigation/steps";
+
+/// Gradient steps of an agent's life so far.
+pub(super) fn steps(agent: &AgentState) -> u64 {
+    agent.kept.numbers.get(STEPS).copied().unwrap_or(0)
+}
 
 /// An agent that a mitigation may change.
 pub struct Patient<'a> {
@@ -21,9 +28,10 @@ pub struct Patient<'a> {
 }
 
 impl Patient<'_> {
-    /// Random numbers for a mitigation at this step: nobody else draws from this stream, and nothing has to be saved.
-    pub fn stream(&self, mitigation: &dyn Mitigation) -> Stream {
-        let purpose = Purpose::Mitigation { number: mitigation.number(), step: self.step as u32 };
+    /// Random numbers for the mitigation with this number at this step: nobody else draws from this stream, and nothing
+    /// has to be saved.
+    pub fn stream(&self, number: u16) -> Stream {
+        let purpose = Purpose::Mitigation { number, step: self.step as u32 };
         Stream::new(self.agent.seed, self.stage, purpose)
     }
 

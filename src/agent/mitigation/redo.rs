@@ -1,6 +1,7 @@
 //! ReDo: dormant units are recycled (Sokar et al. 2023, "The Dormant Neuron Phenomenon in Deep Reinforcement Learning").
 
-use super::{Mitigation, Patient};
+use super::hooks::Mitigation;
+use super::patient::Patient;
 use crate::agent::engine::{LayerUnits, Units};
 use crate::config::{Settings, Visitor, integer, non_negative};
 
@@ -55,7 +56,7 @@ impl Mitigation for ReDo {
         if dormant.iter().flatten().all(Vec::is_empty) {
             return;
         }
-        let new = patient.network.init(&mut patient.stream(self));
+        let new = patient.network.init(&mut patient.stream(self.number()));
         for (tower, layers) in dormant.iter().enumerate() {
             for (layer, units) in layers.iter().enumerate() {
                 units.iter().for_each(|&unit| patient.renew_incoming(tower, layer, unit, &new));

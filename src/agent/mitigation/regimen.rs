@@ -1,23 +1,18 @@
 //! The mitigations of a learner at work.
 
-use super::{Mitigation, Patient};
-use crate::agent::config::Config;
+use super::hooks::Mitigation;
+use super::list::Mitigations;
+use super::patient::{Patient, STEPS, steps};
 use crate::agent::engine::Engine;
+use crate::agent::learner::Metrics;
 use crate::agent::network::Network;
+use crate::agent::optimizer::OptimizerConfig;
 use crate::agent::state::AgentState;
-use crate::agent::{Metrics, Stage};
-
-/// The number under which an agent keeps its gradient steps, where mitigations count them.
-const STEPS: &str = "mitigation/steps";
-
-/// Gradient steps of an agent's life so far.
-pub(super) fn steps(agent: &AgentState) -> u64 {
-    agent.kept.numbers.get(STEPS).copied().unwrap_or(0)
-}
 
 /// What a learner of S seeds calls after every step and for every row of its log.
 pub struct Regimen {
-    config: Config,
+    mitigations: Mitigations,
+    optimizer: OptimizerConfig,
     network: Network,
     stage: u16,
     /// Gradient steps of each agent's life so far.
@@ -27,14 +22,21 @@ pub struct Regimen {
 }
 
 impl Regimen {
-    /// The mitigations of `config`, for agents in this stage.
-    pub fn new<'a>(config: &Config, stage: &Stage, agents: impl Iterator<Item = &'a AgentState>) -> Self {
+    /// Mitigations at work on agents of this network in a stage.
+    pub fn new<'a>(
+        mitigations: &Mitigations,
+        optimizer: &OptimizerConfig,
+        network: Network,
+        stage: u16,
+        agents: impl Iterator<Item = &'a AgentState>,
+    ) -> Self {
         Self {
-            network: config.network(&stage.level),
-            stage: stage.index,
+            network,
+            stage,
             steps: agents.map(steps).collect(),
-            counts_steps: config.mitigations.iter().any(Mitigation::acts_between_steps),
-            config: config.clone(),
+            counts_steps: mitigations.iter().any(Mitigation::acts_between_steps),
+            mitigations: mitigations.clone(),
+            optimizer: optimizer.clone(),
         }
     }
 
@@ -43,10 +45,10 @@ impl Regimen {
         if !self.counts_steps {
             return;
         }
-        let Self { config, network, stage, steps, .. } = self;
+        let Self { mitigations, network, stage, steps, .. } = self;
         for (s, step) in steps.iter_mut().enumerate() {
             *step += 1;
-            for mitigation in config.mitigations.iter().filter(|mitigation| mitigation.acts_after(*step)) {
+            for mitigation in mitigations.iter().filter(|mitigation| mitigation.acts_after(*step)) {
                 let units = engine.units(s);
                 engine.edit(s, &mut |agent| {
                     mitigation.after_step(&mut Patient { network, agent, stage: *stage, step: *step }, &units);
@@ -58,7 +60,7 @@ impl Regimen {
     /// What mitigations add to a seed's row of the log.
     pub fn metrics(&self, engine: &dyn Engine, seed: usize) -> Metrics {
         let norms = || engine.norms(seed);
-        self.config.mitigations.iter().flat_map(|mitigation| mitigation.metrics(&self.config, &norms)).collect()
+        self.mitigations.iter().flat_map(|mitigation| mitigation.metrics(&self.optimizer, &norms)).collect()
     }
 
     /// Writes what it counts into the agent.

@@ -1,6 +1,7 @@
 //! Shrink-and-perturb (Ash & Adams 2020, "On Warm-Starting Neural Network Training"), at each switch of levels.
 
-use super::{Mitigation, Patient};
+use super::hooks::Mitigation;
+use super::patient::Patient;
 use crate::config::{Settings, Visitor, fraction, non_negative};
 
 /// θ ← α·θ + β·θ′ at the beginning of every stage but the first, θ′ being parameters drawn as those of a new agent.
@@ -41,7 +42,7 @@ impl Mitigation for ShrinkPerturb {
         if patient.stage == 0 {
             return;
         }
-        let new = patient.network.init(&mut patient.stream(self));
+        let new = patient.network.init(&mut patient.stream(self.number()));
         let (shrink, perturb) = (self.shrink as f32, self.perturb as f32);
         for (parameter, new) in patient.agent.parameters.iter_mut().zip(new) {
             *parameter = shrink * *parameter + perturb * new;

@@ -2,8 +2,8 @@
 
 use coverage_env::Action;
 
-use super::PpoConfig;
 use super::rollout::{Rollout, log_softmax};
+use super::settings::PpoConfig;
 use crate::agent::engine::{Column, Loss, Pass, Statement, Weights};
 
 /// Where the towers stand in the network.

@@ -1,24 +1,6 @@
-//! PPO as a choice: its settings, its network, its limits.
+//! PPO's settings.
 
-use coverage_env::{Action, Level};
-
-use super::Ppo;
-use crate::agent::algorithm::{Algorithm, Misfit};
-use crate::agent::config::Config;
-use crate::agent::engine::Engine;
-use crate::agent::network::{Head, Init, Outputs};
-use crate::agent::snapshot::Snapshot;
-use crate::agent::{Learner, Stage};
 use crate::config::{Settings, Visitor, flag, fraction, integer, non_negative, positive};
-
-/// Samples of a rollout; each takes some tens of bytes.
-const MAX_ROLLOUT: usize = 1 << 22;
-
-/// Separate towers: a policy `[inputs] → [4]` and a value `[inputs] → [1]`.
-const HEADS: [Head; 2] = [
-    Head { name: "policy", outputs: Action::COUNT, init: Init::Orthogonal { head: 0.01 } },
-    Head { name: "value", outputs: 1, init: Init::Orthogonal { head: 1.0 } },
-];
 
 /// What only PPO has. Defaults are the paper's.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,68 +52,5 @@ impl Settings for PpoConfig {
             "normalise advantages minibatch by minibatch",
             &mut flag(&mut self.normalize_advantage),
         );
-    }
-}
-
-impl Algorithm for PpoConfig {
-    fn name(&self) -> &'static str {
-        "ppo"
-    }
-
-    fn defaults(&self, _config: &mut Config) {
-        // What algorithms share has PPO's values to begin with.
-    }
-
-    fn outputs(&self) -> Outputs {
-        Outputs::Logits
-    }
-
-    fn heads(&self) -> &'static [Head] {
-        &HEADS
-    }
-
-    fn check(&self, config: &Config) -> Result<(), Misfit> {
-        let samples = self.n_steps * config.num_envs;
-        if samples <= MAX_ROLLOUT {
-            return Ok(());
-        }
-        Err(Misfit {
-            keys: &["num_envs", "n_steps"],
-            problem: format!(
-                "n_steps × num_envs: {} × {} makes {samples} samples in a rollout; at most {MAX_ROLLOUT} are possible",
-                self.n_steps, config.num_envs
-            ),
-        })
-    }
-
-    fn memory(&self, config: &Config, cells: usize) -> (String, u64) {
-        let samples = (self.n_steps * config.num_envs) as u64;
-        // A sample lists the agent's cell and the visited ones, 2 bytes each, and holds some ten numbers.
-        let visited = (cells as u64).min(u64::from(config.max_steps) + 1);
-        let what = format!("n_steps × num_envs: a rollout of {samples} samples on maps of {cells} cells");
-        (what, samples.saturating_mul(2 * visited + 40))
-    }
-
-    fn optimizer_steps(&self, config: &Config, timesteps: u64) -> u64 {
-        let samples = (self.n_steps * config.num_envs) as u64;
-        timesteps.div_ceil(samples) * self.n_epochs as u64 * samples.div_ceil(self.batch_size as u64)
-    }
-
-    fn check_snapshot(&self, snapshot: &Snapshot, _level: &Level) -> Result<(), String> {
-        if snapshot.buffers.is_empty() { Ok(()) } else { Err("it belongs to another algorithm".to_owned()) }
-    }
-
-    fn learner(
-        &self,
-        config: &Config,
-        stage: &Stage,
-        snapshots: Vec<Snapshot>,
-        engine: Box<dyn Engine>,
-    ) -> Box<dyn Learner> {
-        Box::new(Ppo::new(config, self, stage, snapshots, engine))
-    }
-
-    fn boxed(&self) -> Box<dyn Algorithm> {
-        Box::new(self.clone())
     }
 }

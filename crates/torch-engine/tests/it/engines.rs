@@ -181,7 +181,7 @@ fn train_dqn(
     let mut all = Vec::new();
     for (i, transitions) in transitions.iter().enumerate() {
         let mut losses: Vec<DqnLoss<'_>> =
-            transitions.iter().map(|transitions| DqnLoss::new(config.gamma as f32, transitions)).collect();
+            transitions.iter().map(|transitions| DqnLoss::new(config.shared.gamma as f32, transitions)).collect();
         let norms = engine.descend(&mut losses.iter_mut().map(|loss| loss as _).collect::<Vec<&mut dyn Loss<'_>>>());
         all.extend(losses.iter().zip(norms).map(|(loss, norm)| [loss.value, norm]));
         if i == 1 {

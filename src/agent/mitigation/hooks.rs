@@ -1,0 +1,52 @@
+//! What a mitigation is to the rest of the program.
+
+use std::any::Any;
+use std::fmt::Debug;
+
+use super::patient::Patient;
+use crate::agent::engine::{GradientNorms, Pull, Units};
+use crate::agent::learner::Metrics;
+use crate::agent::optimizer::OptimizerConfig;
+use crate::agent::shared::Shared;
+use crate::config::Settings;
+
+/// A method against loss of plasticity, as its settings. Every hook has a default that does nothing and costs nothing.
+pub trait Mitigation: Settings + Any + Debug + Send + Sync {
+    /// Its name in the setting `mitigations`.
+    fn name(&self) -> &'static str;
+    /// A number of its own, which its random streams have; never changed and never used again for another.
+    fn number(&self) -> u16;
+    /// Whether it is there without being listed, as its own settings say.
+    fn is_always_listed(&self) -> bool {
+        false
+    }
+    /// Refuses settings that it cannot work with.
+    ///
+    /// # Errors
+    /// The key to change, and what is wrong and what is possible.
+    fn check(&self, _shared: &Shared) -> Result<(), (&'static str, String)> {
+        Ok(())
+    }
+    /// What draws the parameters beside the loss.
+    fn pull(&self) -> Option<Pull> {
+        None
+    }
+    /// Acts at the beginning of a stage, the first included.
+    fn begin_stage(&self, _patient: &mut Patient<'_>) {}
+    /// Whether it ever acts between gradient steps; only then are steps counted.
+    fn acts_between_steps(&self) -> bool {
+        false
+    }
+    /// Whether it acts after this gradient step of the agent's life, counted from 1.
+    fn acts_after(&self, _step: u64) -> bool {
+        false
+    }
+    /// Acts after a gradient step, knowing what the hidden units did in it.
+    fn after_step(&self, _patient: &mut Patient<'_>, _units: &Units) {}
+    /// What it adds to a row of the log, given the norms of the last gradient.
+    fn metrics(&self, _optimizer: &OptimizerConfig, _norms: &dyn Fn() -> GradientNorms) -> Metrics {
+        Metrics::new()
+    }
+    /// A copy.
+    fn boxed(&self) -> Box<dyn Mitigation>;
+}

@@ -1,0 +1,112 @@
+//! The list of mitigations, and those of a run.
+
+use std::any::Any;
+
+use super::hooks::Mitigation;
+use super::patient::{Patient, steps};
+use super::{l2, l2_init, redo, shrink_perturb};
+use crate::agent::engine::Pull;
+use crate::agent::network::Network;
+use crate::agent::shared::Shared;
+use crate::agent::state::AgentState;
+use crate::config::{Settings, Visitor, names};
+
+/// Every mitigation, with its default settings, in the order in which they act. A new one is a file beside these and a
+/// line here.
+const MITIGATIONS: &[fn() -> Box<dyn Mitigation>] = &[
+    || Box::new(l2::L2Penalty::default()),
+    || Box::new(l2_init::L2Init::default()),
+    || Box::new(shrink_perturb::ShrinkPerturb::default()),
+    || Box::new(redo::ReDo::default()),
+];
+
+/// The mitigations of a run.
+#[derive(Debug)]
+pub struct Mitigations(Vec<Box<dyn Mitigation>>);
+
+impl Mitigations {
+    /// Those of these names, and those that are always there.
+    pub fn new(listed: &[&str]) -> Self {
+        let all = MITIGATIONS.iter().map(|make| make());
+        Self(all.filter(|m| m.is_always_listed() || listed.contains(&m.name())).collect())
+    }
+
+    /// The names that can be listed.
+    pub fn known() -> Vec<&'static str> {
+        let all = MITIGATIONS.iter().map(|make| make());
+        all.filter(|mitigation| !mitigation.is_always_listed()).map(|mitigation| mitigation.name()).collect()
+    }
+
+    /// The mitigation that has this key among its settings.
+    pub fn with_key(key: &str) -> Option<&'static str> {
+        let mut all = MITIGATIONS.iter().map(|make| make());
+        all.find(|mitigation| crate::config::keys(&mut *mitigation.boxed()).contains(&key)).map(|m| m.name())
+    }
+
+    /// The one of this type, if it is there.
+    pub fn find<T: Mitigation>(&self) -> Option<&T> {
+        self.iter().find_map(|mitigation| (mitigation as &dyn Any).downcast_ref())
+    }
+
+    /// Each of them.
+    pub fn iter(&self) -> impl Iterator<Item = &dyn Mitigation> {
+        self.0.iter().map(|mitigation| &**mitigation)
+    }
+
+    /// What draws the parameters beside the loss.
+    pub fn pulls(&self) -> Vec<Pull> {
+        self.iter().filter_map(Mitigation::pull).collect()
+    }
+
+    /// Checks each of them, and that they fit together.
+    ///
+    /// # Errors
+    /// The key to change, and what is wrong and what is possible.
+    pub fn check(&self, shared: &Shared) -> Result<(), (&'static str, String)> {
+        self.iter().try_for_each(|mitigation| mitigation.check(shared))?;
+        let pulling: Vec<&str> = self.iter().filter(|m| m.pull().is_some()).map(|m| m.name()).collect();
+        match pulling[..] {
+            [] | [_] => Ok(()),
+            _ => Err(("mitigations", format!("{} cannot pull at once: choose one of them", pulling.join(" and ")))),
+        }
+    }
+
+    /// Lets each act on an agent at the beginning of a stage.
+    pub fn begin_stage(&self, network: &Network, agent: &mut AgentState, stage: u16) {
+        let step = steps(agent);
+        for mitigation in self.iter() {
+            mitigation.begin_stage(&mut Patient { network, agent, stage, step });
+        }
+    }
+}
+
+impl Settings for Mitigations {
+    fn visit(&mut self, v: &mut dyn Visitor) {
+        let always = |m: &&mut Box<dyn Mitigation>| m.is_always_listed();
+        self.0.iter_mut().filter(always).for_each(|mitigation| mitigation.visit(v));
+        Listed(self).visit(v);
+        self.0.iter_mut().filter(|m| !m.is_always_listed()).for_each(|mitigation| mitigation.visit(v));
+    }
+}
+
+/// The setting that lists mitigations, without theirs.
+pub struct Listed<'a>(pub &'a mut Mitigations);
+
+impl Settings for Listed<'_> {
+    fn visit(&mut self, v: &mut dyn Visitor) {
+        let all = &self.0.0;
+        let mut listed: Vec<&'static str> = all.iter().filter(|m| !m.is_always_listed()).map(|m| m.name()).collect();
+        let before = listed.clone();
+        let doc = "methods against loss of plasticity; each adds settings of its own";
+        v.field("mitigations", doc, &mut names(&mut listed, Mitigations::known()));
+        if listed != before {
+            *self.0 = Mitigations::new(&listed);
+        }
+    }
+}
+
+impl Clone for Mitigations {
+    fn clone(&self) -> Self {
+        Self(self.0.iter().map(|mitigation| mitigation.boxed()).collect())
+    }
+}
