@@ -1,6 +1,6 @@
 """Where the time goes: perf samples, assigned to the lines of our sources that they fell on.
 
-The kernels are inlined into functions of one name each, so that symbols alone say little; the line tables of a release
+The compiler inlines the arithmetic into a few functions, so that symbols alone say little. The line tables of a release
 build tell which of our functions an address came from.
 """
 
@@ -21,7 +21,7 @@ from .programs import ROLLOUT, CppRl, whole
 # The first that fits names a sample's part. A sample in our binary is "file: functions" of the innermost file that is
 # ours, any other is "library: symbol".
 PARTS = (
-    (r"^lib(torch|c10)|^ld-linux", "loading libtorch"),
+    (r"^ld-linux", "loading the program"),
     (r"first_layer\.rs: .*(SumRows|sum_columns)", "first layer, forward: sums of rows"),
     (r"first_layer\.rs: ", "first layer, gradient of the weight"),
     (r"matmul\.rs: .*\bpack", "packing, transposing, gathering samples"),

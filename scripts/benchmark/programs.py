@@ -24,7 +24,7 @@ MODULES = {"jax": "jax, optax", "sb3": "stable_baselines3, torch"}
 ROLLOUT = 2048
 """Timesteps of PPO's rollout, and between two rows of DQN's log: what all lengths are rounded to."""
 WIDTH = 64
-"""Of the study's hidden layers."""
+"""Of the paper's hidden layers."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,11 @@ class CppRl:
     """Runs are written below it and deleted again: on a disk, as those of users."""
 
     @staticmethod
-    def build(scratch: Path) -> CppRl:
-        """Builds what is missing."""
+    def build(scratch: Path, libtorch: bool) -> CppRl:
+        """Builds what is missing, and the engine libtorch too where it is wanted."""
         say("building cpp-rl")
-        subprocess.run([ROOT / "scripts" / "cpp-rl", "--version"], check=True, stdout=sys.stderr)
+        env = os.environ | {"CPP_RL_LIBTORCH": str(int(libtorch))}
+        subprocess.run([ROOT / "scripts" / "cpp-rl", "--version"], check=True, stdout=sys.stderr, env=env)
         target = Path(os.environ.get("CARGO_TARGET_DIR", "target"))
         return CppRl(ROOT / target / "release" / "cpp-rl", scratch)
 

@@ -25,7 +25,7 @@ SEEDS = (1, 4, 16, 64)
 WIDTHS = (64, 128, 256, 512)
 SIDES = (8, 12, 16, 24, 32)
 ENVIRONMENTS = (1, 4, 16, 64)
-BENCHES = (("coverage-env", "environment"), ("bit-mlp", "kernel"), ("cpp-rl", "learners"))
+BENCHES = (("coverage-env", "environment"), ("bit-mlp", "kernel"), ("torch-engine", "learners"))
 
 
 @dataclass
@@ -133,16 +133,16 @@ def processes_apart(b: Bench, algo: str, n: int, seeds: int) -> dict[str, Any]:
 
 
 def seeds(b: Bench) -> Rows:
-    """1 to 64 seeds: the fused kernel on one core and on all, autograd with stacked seeds on one."""
+    """1 to 64 seeds: the engine fused on one core and on all, libtorch with all seeds together on one."""
     rows = []
     for algo in ALGORITHMS:
-        for kernel in ("fused", "autograd"):
-            settings = [f"kernel={kernel}"]
+        for engine in ("fused", "libtorch"):
+            settings = [f"engine={engine}"]
             rate = b.cpp_rl.train(algo, 3 * ROLLOUT, b.core, settings=settings).rate
             for count in b.values(SEEDS):
                 n = b.length(rate, count)
                 for repetition in range(b.repetitions):
-                    for jobs in sorted({1, len(b.cores)}) if kernel == "fused" else (1,):
+                    for jobs in sorted({1, len(b.cores)}) if engine == "fused" else (1,):
                         rows.append({"repetition": repetition, **many_seeds(b, algo, n, count, jobs, settings)})
     return rows
 
@@ -276,7 +276,7 @@ def micro(b: Bench) -> Rows:
 
 
 def limits(b: Bench) -> Rows:
-    """What one core can do, and how far the kernel is from it."""
+    """What one core can do, and how far the fused engine is from it."""
     bench = ["bench", "-p", "bit-mlp", "--bench", "limits"]
     cargo(*bench, "--no-run")
     lines = run(["cargo", *bench], b.core).output.splitlines()
@@ -310,3 +310,6 @@ SECTIONS: dict[str, tuple[Callable[[Bench], Rows], str]] = {
     "profile": (profiles, "30 seconds"),
 }
 """What each measures, and how long that takes with the default settings on two cores."""
+
+WITH_LIBTORCH = {"seeds", "micro"}
+"""The sections that also measure the engine libtorch."""

@@ -98,7 +98,7 @@ def seeds(rows: Rows) -> str:
         by_count = group(runs, "seeds")
         cells = [spread(column(by_count[(count,)], "rate")) for count in counts]
         where = "1 core" if jobs == 1 else f"{jobs} cores"
-        lines.append([f"{algo.upper()}, {settings.removeprefix('kernel=')}, {where}", *cells])
+        lines.append([f"{algo.upper()}, {settings.split('=')[-1]}, {where}", *cells])
     return table(["timesteps/s of all seeds", *(f"{n} seed{'s' * (n > 1)}" for n in counts)], lines)
 
 

@@ -1,6 +1,6 @@
-"""Throughput of Stable-Baselines3 with the study's hyper-parameters. usage: sb3.py ppo|dqn TIMESTEPS
+"""Throughput of Stable-Baselines3 with the paper's hyper-parameters. usage: sb3.py ppo|dqn TIMESTEPS
 
-The environment is the tests' in plain NumPy, one for each model, as the study had it; its share of the time is printed.
+The environment is the tests' in plain NumPy, one for each model, as the paper had it; its share of the time is printed.
 """
 
 # ruff: noqa: E402 (the path to the modules comes first)
