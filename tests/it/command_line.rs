@@ -1,6 +1,8 @@
 //! What a user who errs is told.
 
-use crate::sandbox::Sandbox;
+use std::process::Command;
+
+use crate::sandbox::{PROGRAM, Sandbox};
 
 /// Each command fails with exit code 2 and names all of what follows it.
 #[track_caller]
@@ -152,4 +154,22 @@ fn help_and_version_succeed() {
         assert!(sandbox.succeeds(&format!("{command} --help")).stdout.contains("Usage: cpp-rl"));
     }
     assert!(sandbox.succeeds("--version").stdout.contains(env!("CARGO_PKG_VERSION")));
+}
+
+/// As after `cargo install`: a program alone in its folder.
+#[test]
+fn without_libtorchs_program_its_engine_is_refused_with_the_remedy() {
+    let sandbox = Sandbox::new();
+    std::fs::copy(PROGRAM, sandbox.path("alone")).expect("the folder is writable");
+    let train = "train --config ppo.yaml --level a.yaml --quiet";
+    for (option, named) in [("--set engine=libtorch", "engine=libtorch"), ("--device cuda", "--device cuda")] {
+        let mut command = Command::new(sandbox.path("alone"));
+        command.args(train.split(' ')).args(option.split(' ')).current_dir(sandbox.path("."));
+        let output = command.output().expect("it starts");
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{error}");
+        assert!(error.contains(&format!("{named} needs the program cpp-rl-libtorch")), "{error}");
+        assert!(error.contains("./scripts/cpp-rl") && error.contains("-p torch-engine"), "{error}");
+    }
+    assert!(!sandbox.path("runs").exists(), "nothing is begun");
 }

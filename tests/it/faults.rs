@@ -9,7 +9,7 @@ use rustix::process::Signal;
 use serde_json::json;
 
 use crate::arbitrary::with_header;
-use crate::sandbox::{Reproducible, RunFiles, Sandbox};
+use crate::sandbox::{PROGRAM, Reproducible, RunFiles, Sandbox, engines};
 use crate::stops::{Training, command, command_of, runs, snapshots, stop_within, undisturbed};
 
 /// A run that was stopped in its second stage, the command that goes on with it, and what it must end with.
@@ -261,7 +261,7 @@ fn a_full_disk_ends_in_an_error_and_the_run_goes_on_later() {
     let [run, _] = runs(&sandbox, "ppo", "full");
     let command = format!("{} --seeds 0", command("ppo", "full"));
     // 64 blocks of 512 bytes.
-    let script = format!("ulimit -f 64; exec {} \"$@\"", env!("CARGO_BIN_EXE_cpp-rl"));
+    let script = format!("ulimit -f 64; exec {} \"$@\"", PROGRAM);
     let mut limited = Command::new("sh");
     limited.args(["-c", &script, "sh"]).args(command.split(' ')).current_dir(sandbox.path("."));
     let output = limited.output().expect("there is a shell");
@@ -337,7 +337,8 @@ fn an_older_manifest_is_read_and_a_newer_one_refused() {
 #[test]
 fn a_run_with_a_manifest_of_format_1_goes_on() {
     let sandbox = Sandbox::new();
-    for (kernel, engine) in [("fused", "fused"), ("autograd", "libtorch")] {
+    for &engine in engines() {
+        let kernel = if engine == "libtorch" { "autograd" } else { engine };
         let command = format!("{} --set kernel={kernel} --seeds 0", command_of("ppo", kernel, 256));
         sandbox.succeeds(&command);
         let [run, _] = runs(&sandbox, "ppo", kernel);
@@ -373,7 +374,7 @@ fn the_torture_script_finds_no_difference() {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/torture");
     let mut torture = Command::new("python3");
     torture.arg(script).args(["--cycles", "15", "--num-seeds", "2", "--timesteps", "4096", "--levels", "0..2"]);
-    match torture.args(["--bin", env!("CARGO_BIN_EXE_cpp-rl")]).output() {
+    match torture.args(["--bin", PROGRAM]).output() {
         Err(error) => eprintln!("skipped: there is no python3 ({error})"),
         Ok(output) => {
             let stdout = String::from_utf8_lossy(&output.stdout);

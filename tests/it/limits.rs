@@ -3,11 +3,11 @@
 use std::fs::File;
 use std::io::Write;
 
-use crate::sandbox::Sandbox;
+use crate::sandbox::{PROGRAM, Sandbox};
 
-/// Address space in KiB that suffices for starting the program, most of it libtorch's, and little more.
+/// Address space in KiB that suffices for starting the program, and little more.
 #[cfg(target_os = "linux")]
-const ADDRESS_SPACE: u32 = 2 << 20;
+const ADDRESS_SPACE: u32 = 1 << 18;
 
 /// Fails with exit code 2, names all of `expected`, and has not taken much memory.
 #[track_caller]
@@ -18,7 +18,7 @@ fn refused(sandbox: &Sandbox, arguments: &str, expected: &[&str]) {
     }
     #[cfg(target_os = "linux")]
     {
-        let limited = format!("ulimit -v {ADDRESS_SPACE}; exec {} {arguments}", env!("CARGO_BIN_EXE_cpp-rl"));
+        let limited = format!("ulimit -v {ADDRESS_SPACE}; exec {} {arguments}", PROGRAM);
         let output = std::process::Command::new("sh").args(["-c", &limited]).current_dir(sandbox.path(".")).output();
         let output = output.expect("there is a shell");
         let stderr = String::from_utf8_lossy(&output.stderr);

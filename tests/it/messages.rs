@@ -3,13 +3,13 @@
 use std::fs::{self, File};
 use std::process::Command;
 
-use crate::sandbox::Sandbox;
+use crate::sandbox::{PROGRAM, Sandbox};
 
 const TRAIN: &str = "train --config ppo.yaml --level a.yaml";
 
 /// What a terminal is sent while the program runs on it; nothing where there is no `script` of util-linux.
 fn on_a_terminal(sandbox: &Sandbox, arguments: &str) -> Option<String> {
-    let command = format!("exec {} {arguments}", env!("CARGO_BIN_EXE_cpp-rl"));
+    let command = format!("exec {} {arguments}", PROGRAM);
     let mut script = Command::new("script");
     script.args(["-qec", &command, "/dev/null"]).env("TERM", "xterm").current_dir(sandbox.path("."));
     let Ok(output) = script.output() else {

@@ -7,7 +7,7 @@ use cpp_rl::measure::probe::Probe;
 use cpp_rl::measure::{self, Head, Hidden, Layer, Sample, Units, Update};
 use serde_json::Value;
 
-use crate::sandbox::{RunFiles, Sandbox};
+use crate::sandbox::{RunFiles, Sandbox, engines};
 
 fn fixture() -> Value {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/plasticity.json");
@@ -189,7 +189,7 @@ fn update_and_gradient_norms_are_those_of_the_row() {
 #[test]
 fn a_run_is_the_same_with_and_without_measures() {
     let sandbox = Sandbox::new();
-    for (algo, engine) in [("ppo", "fused"), ("dqn", "fused"), ("ppo", "libtorch"), ("dqn", "libtorch")] {
+    for (algo, engine) in engines().iter().flat_map(|engine| [("ppo", engine), ("dqn", engine)]) {
         let train = |interval: u32| {
             let out = format!("{engine}-{interval}");
             let options = format!("--set engine={engine} --timesteps 600 --out {out}");

@@ -6,7 +6,7 @@ use std::path::Path;
 use cpp_rl::run::checkpoint::Checkpoint;
 use serde_json::{Value, json};
 
-use crate::sandbox::{RunFiles, Sandbox};
+use crate::sandbox::{PROGRAM, RunFiles, Sandbox, engines, has_libtorch};
 
 const CURRICULUM: &str = "curriculum --config ppo.yaml --levels a.yaml,b.yaml";
 
@@ -138,6 +138,9 @@ fn a_seed_is_the_same_whatever_trains_beside_it() {
 
 #[test]
 fn both_engines_train_alike() {
+    if !has_libtorch() {
+        return;
+    }
     let sandbox = Sandbox::new();
     for algo in ["ppo", "dqn"] {
         let train = |engine: &str| {
@@ -187,7 +190,7 @@ fn an_existing_run_is_not_overwritten() {
 #[test]
 fn a_seed_that_diverges_stops_and_says_why() {
     let sandbox = Sandbox::new();
-    for (algo, engine) in [("ppo", "fused"), ("ppo", "libtorch"), ("dqn", "fused"), ("dqn", "libtorch")] {
+    for (algo, engine) in engines().iter().flat_map(|engine| [("ppo", engine), ("dqn", engine)]) {
         let settings = format!("--set learning_rate=1e30 --set engine={engine} --out {engine}");
         let error = sandbox.fails(1, &format!("train --config {algo}.yaml --level a.yaml {settings}"));
         assert!(error.contains("seed 0: train/") && error.contains("by timestep"), "{error}");
@@ -201,7 +204,7 @@ fn a_seed_that_diverges_stops_and_says_why() {
 
 #[test]
 fn a_seed_that_diverges_does_not_stop_the_others() {
-    for engine in ["fused", "libtorch"] {
+    for engine in engines() {
         let sandbox = Sandbox::new();
         let command = format!("{CURRICULUM} --set engine={engine} --seeds 0..3 --jobs 1");
         sandbox.succeeds(&command);
@@ -258,7 +261,7 @@ fn a_disk_that_takes_no_more_is_an_error() {
 fn a_file_that_cannot_grow_is_an_error() {
     let sandbox = Sandbox::new();
     // Files of at most 1 KiB (two blocks of 512 bytes): enough for the settings, not for the evaluations.
-    let script = format!("trap '' XFSZ; ulimit -f 2; exec {} $0 \"$@\"", env!("CARGO_BIN_EXE_cpp-rl"));
+    let script = format!("trap '' XFSZ; ulimit -f 2; exec {} $0 \"$@\"", PROGRAM);
     let words = "train --config ppo.yaml --level a.yaml".split(' ');
     let output = std::process::Command::new("sh")
         .args(["-c", &script])

@@ -1,12 +1,44 @@
 //! A fresh folder for one test, and the program run in it.
 
-use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::{env, fs, io, thread};
 
 use assert_cmd::assert::OutputAssertExt;
 use serde_json::Value;
 use tempfile::TempDir;
+
+/// The program under test.
+pub const PROGRAM: &str = env!("CARGO_BIN_EXE_cpp-rl");
+
+/// The engines that can be tested: `libtorch` where the program that links it is beside [`PROGRAM`].
+///
+/// # Panics
+/// Where that program is absent although `CPP_RL_TEST_LIBTORCH=1` asks for its tests, as `scripts/test` does.
+#[track_caller]
+pub fn engines() -> &'static [&'static str] {
+    if has_libtorch() { &["fused", "libtorch"] } else { &["fused"] }
+}
+
+/// Whether `engine=libtorch` can be tested; says so where a test must leave it out.
+///
+/// # Panics
+/// As [`engines`].
+#[track_caller]
+pub fn has_libtorch() -> bool {
+    let program = Path::new(PROGRAM).with_file_name(format!("cpp-rl-libtorch{}", env::consts::EXE_SUFFIX));
+    if program.is_file() {
+        return true;
+    }
+    let remedy = "build it: scripts/libtorch && cargo build --release -p torch-engine";
+    let wanted = env::var("CPP_RL_TEST_LIBTORCH").is_ok_and(|value| value == "1");
+    assert!(!wanted, "CPP_RL_TEST_LIBTORCH=1, but there is no {}: {remedy}", program.display());
+    let test = thread::current().name().unwrap_or("a test").to_owned();
+    // Not `eprintln!`: the harness shows what that prints only where a test fails.
+    let _ = writeln!(io::stderr(), "{test}: without engine=libtorch, for lack of {}; {remedy}", program.display());
+    false
+}
 
 /// Three small levels of one size, none of them square, and one of another size.
 const LEVELS: [(&str, &str); 4] = [
@@ -67,7 +99,7 @@ impl Sandbox {
 
     /// The program with these words as arguments, to be run in the folder.
     pub fn command(&self, arguments: &str) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_cpp-rl"));
+        let mut command = Command::new(PROGRAM);
         command.args(arguments.split_whitespace()).current_dir(self.0.path());
         command
     }
