@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
-use cpp_rl::config::{Config, resolve};
+use cpp_rl::agent::config::{Config, resolve};
 use libfuzzer_sys::fuzz_target;
 use tempfile::TempDir;
 
