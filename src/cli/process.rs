@@ -10,9 +10,12 @@ use clap::Parser;
 
 use super::{Cli, Command, exit_code};
 use crate::messages;
+use crate::run::manifest::Versions;
 
 /// The program beside this one that has libtorch linked in.
 const WITH_LIBTORCH: &str = "cpp-rl-libtorch";
+/// The variable that tells that program which code this one was built from.
+const HANDED_OVER_BY: &str = "CPP_RL_HANDED_OVER_BY";
 
 /// Reads the command line, obeys it, and ends the process.
 pub fn main() -> ! {
@@ -29,6 +32,13 @@ pub fn main() -> ! {
 /// Runs the command and says what went wrong; the process's exit code.
 fn obey(cli: &Cli) -> i32 {
     messages::show(cli.verbosity());
+    if let Ok(other) = env::var(HANDED_OVER_BY)
+        && other != built_from()
+    {
+        // Cargo builds each when it is asked to, so that one can be older.
+        let this = built_from();
+        tracing::warn!("{WITH_LIBTORCH} is {this} but cpp-rl is {other}: build both again (docs/install.md)");
+    }
     match run(cli) {
         Ok(()) => 0,
         Err(error) => {
@@ -63,7 +73,7 @@ fn leave(code: i32) -> ! {
 pub(super) fn hand_over() {
     let Some(program) = with_libtorch().filter(|program| program.is_file()) else { return };
     let mut process = Process::new(&program);
-    process.args(env::args_os().skip(1));
+    process.args(env::args_os().skip(1)).env(HANDED_OVER_BY, built_from());
     replace(process, &program);
 }
 
@@ -85,6 +95,12 @@ fn replace(mut process: Process, program: &std::path::Path) {
         Ok(status) => leave(status.code().unwrap_or(1)),
         Err(error) => tracing::warn!("cannot start {}: {error}", program.display()),
     }
+}
+
+/// The version and the commit of this program's code.
+fn built_from() -> String {
+    let Versions { cpp_rl, git, .. } = Versions::here();
+    format!("version {cpp_rl}, commit {git}")
 }
 
 fn with_libtorch() -> Option<PathBuf> {
