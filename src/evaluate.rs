@@ -5,7 +5,7 @@ use std::sync::Arc;
 use bit_mlp::Prepared;
 use coverage_env::planner::{PlanError, Planner};
 use coverage_env::random::{below, unit_f32, unit_f64};
-use coverage_env::{Action, CellSet, CoverageEnv, Level, Observation, State};
+use coverage_env::{Action, CellSet, CoverageEnv, Level, Scene, Sensor, State};
 
 use crate::agent::network::{Network, Outputs};
 use crate::agent::{greedy, sample};
@@ -78,16 +78,17 @@ impl Choose {
     }
 }
 
-/// Episodes of a network with these parameters on one level.
+/// Episodes of a network with these parameters on one level, which it sees with `sensor`.
 pub fn network(
     network: &Network,
+    sensor: &dyn Sensor,
     parameters: &[f32],
     level: &Arc<Level>,
     max_steps: u32,
     starts: Starts,
     choose: &mut Choose,
 ) -> LevelResult {
-    let mut acting = Prepared::new(network.acting(), parameters, &Observation::constant_inputs(level));
+    let mut acting = Prepared::new(network.acting(), parameters, &sensor.constant_inputs(level));
     let mut active = Vec::new();
     let mut circle = Circle { visited: None, actions: vec![None; level.len()] };
     let episode = |start| {
@@ -95,7 +96,7 @@ pub fn network(
             let is_greedy = matches!(choose, Choose::Greedy);
             let mut ask = || {
                 active.clear();
-                Observation::new(level, state).push_active(&mut active);
+                sensor.push_active(Scene::new(level, state), &mut active);
                 choose.action(acting.forward_one(parameters, &active))
             };
             if is_greedy { circle.action(state, ask) } else { ask() }
@@ -164,29 +165,34 @@ fn episode(level: &Arc<Level>, max_steps: u32, start: usize, mut act: impl FnMut
 #[cfg(test)]
 mod tests {
     use coverage_env::BUILTIN_IDS;
+    use coverage_env::sensor::SENSORS;
 
     use super::*;
     use crate::agent::config;
 
     #[test]
     fn asking_once_around_changes_no_episode() {
-        let config = config::resolve(Some("ppo"), None, &[], None).unwrap();
-        for (seed, id) in BUILTIN_IDS.into_iter().enumerate() {
-            let level = Arc::new(Level::builtin(id).unwrap());
-            let network = config.network(&level);
-            let mut parameters = config.agent(&level, seed as u64).parameters;
-            // Louder than at first, so that the policy has opinions: it walks about before it goes round.
-            parameters.iter_mut().for_each(|parameter| *parameter *= 3.0);
-            let found = super::network(&network, &parameters, &level, 200, Starts::Exhaustive, &mut Choose::Greedy);
+        for sensor in SENSORS.iter().copied() {
+            let sets = [format!("sensor={}", sensor.name())];
+            let config = config::resolve(Some("ppo"), None, &sets, None).unwrap();
+            for (seed, id) in BUILTIN_IDS.into_iter().enumerate() {
+                let level = Arc::new(Level::builtin(id).unwrap());
+                let network = config.network(&level);
+                let mut parameters = config.agent(&level, seed as u64).parameters;
+                // Louder than at first, so that the policy has opinions: it walks about before it goes round.
+                parameters.iter_mut().for_each(|parameter| *parameter *= 3.0);
+                let (starts, choose) = (Starts::Exhaustive, &mut Choose::Greedy);
+                let found = super::network(&network, sensor, &parameters, &level, 200, starts, choose);
 
-            let mut acting = Prepared::new(network.acting(), &parameters, &Observation::constant_inputs(&level));
-            let mut ask = |state: &State| {
-                let mut active = Vec::new();
-                Observation::new(&level, state).push_active(&mut active);
-                greedy(acting.forward_one(&parameters, &active))
-            };
-            let plain = level.starts().iter().map(|&start| episode(&level, 200, start, &mut ask)).collect();
-            assert_eq!(found, LevelResult::new(level.name(), plain));
+                let mut acting = Prepared::new(network.acting(), &parameters, &sensor.constant_inputs(&level));
+                let mut ask = |state: &State| {
+                    let mut active = Vec::new();
+                    sensor.push_active(Scene::new(&level, state), &mut active);
+                    greedy(acting.forward_one(&parameters, &active))
+                };
+                let plain = level.starts().iter().map(|&start| episode(&level, 200, start, &mut ask)).collect();
+                assert_eq!(found, LevelResult::new(level.name(), plain));
+            }
         }
     }
 }

@@ -42,8 +42,13 @@ impl Seen {
 
     /// The shape of an observation, as Python gets it.
     pub(crate) fn shape(self, runner: &Runner) -> Vec<usize> {
-        let shape = self.sensor.shape(runner.env().level());
-        if self.grid { shape.to_vec() } else { vec![shape.into_iter().product()] }
+        if self.grid { self.grid_shape(runner).to_vec() } else { vec![self.inputs(runner)] }
+    }
+
+    /// `[C, H, W]`: the shape of an observation as a grid.
+    pub(crate) fn grid_shape(self, runner: &Runner) -> [usize; 3] {
+        let level = runner.env().level();
+        self.sensor.shape(level.height(), level.width())
     }
 
     /// Writes what the agent sees to `out`.

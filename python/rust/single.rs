@@ -144,7 +144,7 @@ impl Env {
         self.seen.write(&self.runner, &mut self.scratch);
         let array = PyArray1::from_slice(py, &self.scratch);
         if self.seen.grid {
-            return Ok(array.reshape(self.seen.sensor.shape(self.runner.env().level()))?.into_any());
+            return Ok(array.reshape(self.seen.grid_shape(&self.runner))?.into_any());
         }
         Ok(array.into_any())
     }

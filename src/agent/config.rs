@@ -3,7 +3,7 @@
 use std::any::Any;
 use std::path::Path;
 
-use coverage_env::{Level, Observation};
+use coverage_env::Level;
 use serde_json::{Map, Value};
 
 use super::algorithm::Algorithm;
@@ -158,12 +158,13 @@ impl Config {
         }
     }
 
-    /// Refuses agents for maps of this many cells that would take more memory than any use of them needs.
+    /// Refuses agents for maps of this level's size that would take more memory than any use of them needs.
     ///
     /// # Errors
     /// Names the settings, what they amount to, and what is possible.
-    pub fn check_size(&self, cells: usize) -> Result<(), String> {
-        let parameters = self.num_parameters(cells);
+    pub fn check_size(&self, level: &Level) -> Result<(), String> {
+        let cells = level.len();
+        let parameters = self.num_parameters(level);
         let copies = self.algorithm.copies();
         let beside = match copies {
             [] => "gradient and Adam's moments".to_owned(),
@@ -178,9 +179,9 @@ impl Config {
         refuse_large(bytes, what)
     }
 
-    /// Parameters of all towers on maps of so many cells, without making them.
-    fn num_parameters(&self, cells: usize) -> u64 {
-        let layout = self.shared.layout_of(Observation::CHANNELS * cells);
+    /// Parameters of all towers on maps of this level's size, without making them.
+    fn num_parameters(&self, level: &Level) -> u64 {
+        let layout = self.shared.layout(level);
         let of_head = |head: &Head| layout.shape(head.outputs).num_parameters();
         self.algorithm.heads().iter().map(of_head).fold(0, u64::saturating_add)
     }
@@ -220,17 +221,24 @@ fn refuse_large(bytes: u64, what: String) -> Result<(), String> {
 
 #[cfg(test)]
 mod tests {
+    use coverage_env::level::MAX_CELLS;
+    use coverage_env::sensor::SENSORS;
+
     use super::*;
     use crate::config::preset_names;
 
     #[test]
     fn parameters_are_counted_as_networks_count_them() {
         let level = Level::from_map("a", "..T\n...").unwrap();
+        let largest = Level::from_map("b", &format!("{}.T", ".".repeat(MAX_CELLS - 2))).unwrap();
         for preset in preset_names() {
-            let config = resolve(Some(preset), None, &[], None).unwrap();
-            let expected = config.network(&level).num_parameters() as u64;
-            assert_eq!(config.num_parameters(6), expected, "{preset}");
-            assert_eq!(config.check_size(1 << 14), Ok(()), "presets fit the largest maps");
+            for sensor in SENSORS {
+                let sets = [format!("sensor={}", sensor.name())];
+                let config = resolve(Some(preset), None, &sets, None).unwrap();
+                let expected = config.network(&level).num_parameters() as u64;
+                assert_eq!(config.num_parameters(&level), expected, "{preset}");
+                assert_eq!(config.check_size(&largest), Ok(()), "presets fit the largest maps");
+            }
         }
     }
 
@@ -240,6 +248,7 @@ mod tests {
         let mut settings = config.to_json();
         settings.remove("engine");
         settings.remove("mitigations");
+        settings.remove("sensor");
         settings.insert("kernel".to_owned(), "autograd".into());
         assert_eq!(Config::recorded(&settings).unwrap(), config);
     }

@@ -24,4 +24,5 @@ pub use begin::{learner, resume};
 pub use choice::{greedy, sample};
 pub use episodes::EpisodeWindow;
 pub use learner::{Learner, Metrics};
+pub(crate) use observe::observations;
 pub use stage::Stage;

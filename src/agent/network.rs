@@ -130,7 +130,7 @@ impl Network {
         self.towers.iter().map(|tower| tower.mlp.num_parameters()).sum()
     }
 
-    /// Number of inputs, 4·H·W.
+    /// Number of inputs: as many as the arm's sensor has on the maps.
     pub fn num_inputs(&self) -> usize {
         self.layout.inputs
     }

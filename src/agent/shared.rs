@@ -1,15 +1,16 @@
 //! The settings that all algorithms share.
 
 use bit_mlp::Activation;
-use coverage_env::{Level, Observation};
+use coverage_env::sensor::SENSORS;
+use coverage_env::{Level, Sensor};
 
 use super::engine::EngineChoice;
 use super::network::Layout;
 use super::optimizer::OptimizerConfig;
-use crate::config::{Choice, Settings, Visitor, at_least, choice, flag, fraction, integer, list, positive};
+use crate::config::{Choice, Settings, Visitor, at_least, choice, flag, fraction, integer, list, one_of, positive};
 
 /// What every learner needs, whatever its algorithm.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Shared {
     /// Timesteps per stage and seed.
     pub timesteps: u64,
@@ -17,6 +18,8 @@ pub struct Shared {
     pub max_steps: u32,
     /// Environments per seed, stepped together.
     pub num_envs: usize,
+    /// What the agent sees of a state.
+    pub sensor: &'static dyn Sensor,
     /// Discount γ.
     pub gamma: f64,
     /// Widths of the hidden layers of each tower.
@@ -38,6 +41,7 @@ impl Default for Shared {
             timesteps: 500_000,
             max_steps: coverage_env::MAX_STEPS,
             num_envs: 1,
+            sensor: Default::default(),
             gamma: 0.99,
             hidden: vec![64, 64],
             activation: Activation::Tanh,
@@ -51,11 +55,7 @@ impl Default for Shared {
 impl Shared {
     /// What the towers have in common on maps of this level's size.
     pub fn layout(&self, level: &Level) -> Layout {
-        self.layout_of(Observation::len(level))
-    }
-
-    /// What the towers have in common with so many inputs.
-    pub fn layout_of(&self, inputs: usize) -> Layout {
+        let inputs = self.sensor.inputs(level);
         Layout { inputs, hidden: self.hidden.clone(), activation: self.activation, layer_norm: self.layer_norm }
     }
 }
@@ -71,6 +71,8 @@ impl Settings for Shared {
         );
         v.field("max_steps", "step limit of an episode", &mut integer(&mut self.max_steps, 1..=M));
         v.field("num_envs", "environments per seed", &mut integer(&mut self.num_envs, 1..=4096));
+        let name = |sensor: &'static dyn Sensor| sensor.name();
+        v.field("sensor", "what the agent sees of a state", &mut one_of(&mut self.sensor, SENSORS, name));
         v.field("gamma", "discount", &mut fraction(&mut self.gamma));
         v.field("hidden", "widths of the hidden layers", &mut list(&mut self.hidden, 0..=8, 1..=4096));
         v.field("activation", "activation of the hidden layers", &mut choice(&mut self.activation));

@@ -66,10 +66,10 @@ impl EvalArgs {
     fn evaluate(&self, path: &Path, levels: Option<&[Level]>) -> Result<Evaluation> {
         let model = self.load(path, levels)?;
         let max_steps = self.max_steps.unwrap_or(model.max_steps);
-        let Checkpoint { algorithm, network, agent, origin, .. } = &model.checkpoint;
+        let Checkpoint { algorithm, sensor, network, agent, origin, .. } = &model.checkpoint;
         let mut results = Vec::new();
         for level in model.levels {
-            if (level.height(), level.width()) != (origin.height, origin.width) {
+            if sensor.shape(level.height(), level.width()) != sensor.shape(origin.height, origin.width) {
                 return Err(UserError::new(format!(
                     "{} was trained on {}×{} maps, but level {} is {}×{}: choose levels with --levels",
                     path.display(),
@@ -88,7 +88,8 @@ impl EvalArgs {
                 Choose::Greedy
             };
             let level = Arc::new(level);
-            results.push(evaluate::network(network, &agent.parameters, &level, max_steps, starts, &mut choose));
+            let parameters = &agent.parameters;
+            results.push(evaluate::network(network, *sensor, parameters, &level, max_steps, starts, &mut choose));
         }
         let (stage, seed) = (origin.stage, origin.seed);
         Ok(Evaluation { policy: model.policy, run: model.run, stage, seed, levels: results })

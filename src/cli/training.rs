@@ -143,8 +143,7 @@ impl LaunchArgs {
         seeds: &[u64],
         default_out: &Path,
     ) -> Result<Experiment> {
-        let cells = curriculum.levels.iter().map(|level| level.len()).max().unwrap_or(0);
-        config.check_size(cells).map_err(UserError::new)?;
+        curriculum.levels.iter().try_for_each(|level| config.check_size(level)).map_err(UserError::new)?;
         let engine = self.engine(&config)?;
         Ok(Experiment {
             config,

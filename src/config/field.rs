@@ -125,26 +125,34 @@ impl Field for Flag<'_> {
     }
 }
 
-struct OneOf<'a, T>(&'a mut T);
+struct OneOf<'a, T> {
+    place: &'a mut T,
+    known: Vec<T>,
+    name: fn(T) -> &'static str,
+}
 
 /// One of the names of a [`Choice`].
 pub fn choice<T: Choice>(place: &mut T) -> impl Field + '_ {
-    OneOf(place)
+    OneOf { place, known: T::ALL.iter().map(|(_, value)| *value).collect(), name: T::name }
 }
 
-impl<T: Choice> Field for OneOf<'_, T> {
+/// One of `known`, by the name that `name` gives to each.
+pub fn one_of<'a, T: Copy>(place: &'a mut T, known: &[T], name: fn(T) -> &'static str) -> impl Field + use<'a, T> {
+    OneOf { place, known: known.to_vec(), name }
+}
+
+impl<T: Copy> Field for OneOf<'_, T> {
     fn set(&mut self, value: &Value) -> Result<(), String> {
-        let named = value.as_str().and_then(|s| T::ALL.iter().find(|(name, _)| *name == s));
-        let (_, taken) = named.ok_or_else(|| {
-            let names: Vec<&str> = T::ALL.iter().map(|(name, _)| *name).collect();
+        let named = value.as_str().and_then(|s| self.known.iter().find(|known| (self.name)(**known) == s));
+        *self.place = *named.ok_or_else(|| {
+            let names: Vec<&str> = self.known.iter().map(|known| (self.name)(*known)).collect();
             format!("one of {}", names.join(", "))
         })?;
-        *self.0 = *taken;
         Ok(())
     }
 
     fn get(&self) -> Value {
-        self.0.name().into()
+        (self.name)(*self.place).into()
     }
 }
 

@@ -7,6 +7,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use bit_mlp::Activation;
+use coverage_env::Sensor;
+use coverage_env::level::MAX_CELLS;
+use coverage_env::sensor;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
@@ -29,6 +32,8 @@ const KIND: &str = "stage";
 pub struct Checkpoint {
     /// The algorithm that trained it, with its default settings.
     pub algorithm: Box<dyn Algorithm>,
+    /// What the agent sees with.
+    pub sensor: &'static dyn Sensor,
     /// Its network.
     pub network: Network,
     /// The agent.
@@ -68,6 +73,9 @@ struct Header {
     /// Files of networks without norms have no such field.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     layer_norm: bool,
+    /// Files of agents that see the whole map have no such field.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    sensor: Option<String>,
     towers: Map<String, Value>,
     height: usize,
     width: usize,
@@ -102,6 +110,7 @@ impl Checkpoint {
             algorithm: self.algorithm.name().to_owned(),
             activation: self.network.activation().name().to_owned(),
             layer_norm: self.network.layout().layer_norm,
+            sensor: (self.sensor.name() != default_sensor().name()).then(|| self.sensor.name().to_owned()),
             towers: towers.collect(),
             height: self.origin.height,
             width: self.origin.width,
@@ -148,7 +157,8 @@ impl Checkpoint {
         let header: Header = serde_json::from_str(&file.header).map_err(not_ours)?;
         let algorithm =
             registry::by_name(&header.algorithm).ok_or_else(|| format!("unknown algorithm {:?}", header.algorithm))?;
-        let network = header.network(&*algorithm)?;
+        let sensor = header.sensor()?;
+        let network = header.network(&*algorithm, sensor)?;
         let described = Described {
             seed: header.seed.unwrap_or(0),
             adam_step: header.adam_step,
@@ -159,6 +169,7 @@ impl Checkpoint {
         file.finish()?;
         Ok(Self {
             algorithm,
+            sensor,
             agent,
             network,
             has_adam,
@@ -174,15 +185,26 @@ impl Checkpoint {
     }
 }
 
+/// What an agent sees with where a file does not say it.
+fn default_sensor() -> &'static dyn Sensor {
+    Default::default()
+}
+
 impl Header {
+    fn sensor(&self) -> Result<&'static dyn Sensor, String> {
+        let Some(name) = &self.sensor else { return Ok(default_sensor()) };
+        sensor::by_name(name).ok_or_else(|| format!("unknown sensor {name:?}"))
+    }
+
     /// The network that the header describes, its sizes bounded before anything is allocated.
-    fn network(&self, algorithm: &dyn Algorithm) -> Result<Network, String> {
+    fn network(&self, algorithm: &dyn Algorithm, sensor: &dyn Sensor) -> Result<Network, String> {
         let activation = Activation::ALL.iter().find(|(name, _)| *name == self.activation);
         let (_, activation) = activation.ok_or_else(|| format!("unknown activation {:?}", self.activation))?;
-        let inputs = self.height.checked_mul(self.width).and_then(|cells| cells.checked_mul(4)).unwrap_or(0);
-        if !(1..=1 << 16).contains(&inputs) {
+        let cells = self.height.checked_mul(self.width).unwrap_or(0);
+        if !(1..=MAX_CELLS).contains(&cells) {
             return Err(format!("a map of {}×{} cells is not possible", self.height, self.width));
         }
+        let inputs = sensor.shape(self.height, self.width).into_iter().product();
         let first = self.towers.values().next().and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
         let sizes: Vec<usize> = first.iter().filter_map(|v| v.as_u64().map(|v| v as usize)).collect();
         if sizes.len() < 2 || sizes.len() > 10 || sizes.iter().any(|&size| !(1..=1 << 16).contains(&size)) {
@@ -194,9 +216,10 @@ impl Header {
         let fits = |t: &Tower| self.towers.get(t.name) == Some(&Value::from(t.sizes.clone()));
         if self.towers.len() != network.towers().len() || !network.towers().iter().all(fits) {
             return Err(format!(
-                "its towers {} are not those of {} on {}×{} maps: all towers share their hidden layers",
+                "its towers {} are not those of {} with the sensor {} on {}×{} maps: all towers share their hidden layers",
                 Value::from(self.towers.clone()),
                 self.algorithm,
+                sensor.name(),
                 self.height,
                 self.width
             ));
@@ -220,32 +243,49 @@ mod tests {
         let level = Some("a \"quoted\" level".to_owned());
         let source = "cpp-rl test".to_owned();
         let origin = Origin { height: 3, width: 5, seed: Some(3), stage: Some(0), level, source };
-        Checkpoint { algorithm, network, agent, has_adam: true, origin }
+        Checkpoint { algorithm, sensor: default_sensor(), network, agent, has_adam: true, origin }
     }
 
-    fn both() -> [Checkpoint; 2] {
+    fn some() -> [Checkpoint; 3] {
         let mut ppo = checkpoint("ppo", 60, &[7, 5], Activation::Tanh);
         let first = ppo.agent.parameters.clone();
         ppo.agent.kept.copies.insert("first".to_owned(), first);
         ppo.agent.kept.lists.insert("a/list".to_owned(), vec![0.5, -1.0]);
         ppo.agent.kept.numbers.insert("a/number".to_owned(), 1 << 60);
-        [ppo, checkpoint("dqn", 60, &[6], Activation::Relu)]
+        let mut local = checkpoint("ppo", 36, &[7], Activation::Tanh);
+        local.sensor = sensor::by_name("local").unwrap();
+        [ppo, checkpoint("dqn", 60, &[6], Activation::Relu), local]
     }
 
     #[test]
     fn what_is_written_is_read() {
-        for checkpoint in both() {
+        for checkpoint in some() {
             let bytes = checkpoint.to_bytes();
             let read = Checkpoint::from_bytes(&bytes).unwrap();
             assert_eq!(read.agent, checkpoint.agent);
             assert_eq!(read.origin, checkpoint.origin);
+            assert_eq!(read.sensor.name(), checkpoint.sensor.name());
             assert_eq!(read.to_bytes(), bytes);
         }
     }
 
+    /// Files of version 0.1.0 have no such field, and those of agents that see the whole map stay as they were.
+    #[test]
+    fn the_header_names_any_sensor_but_the_default() {
+        let [full, _, mut local] = some();
+        let says = |checkpoint: &Checkpoint| {
+            let bytes = checkpoint.to_bytes();
+            bytes.windows(8).any(|window| window == b"\"sensor\\")
+        };
+        assert!(!says(&full) && says(&local));
+        local.sensor = full.sensor;
+        let error = Checkpoint::from_bytes(&local.to_bytes()).unwrap_err().to_string();
+        assert!(error.contains("with the sensor full on 3×5 maps"), "{error}");
+    }
+
     #[test]
     fn every_flipped_bit_is_noticed() {
-        let bytes = both()[1].to_bytes();
+        let bytes = some()[1].to_bytes();
         for at in 0..bytes.len() {
             let mut changed = bytes.clone();
             changed[at] ^= 1 << (at % 8);
@@ -255,7 +295,7 @@ mod tests {
 
     #[test]
     fn every_cut_is_noticed() {
-        let bytes = both()[1].to_bytes();
+        let bytes = some()[1].to_bytes();
         for length in 0..bytes.len() {
             assert!(Checkpoint::from_bytes(&bytes[..length]).is_err(), "cut to {length}");
         }

@@ -24,6 +24,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result};
+use coverage_env::Sensor;
 use event_file::SessionStatus;
 use tracing::debug;
 
@@ -91,6 +92,7 @@ pub struct RunDir {
     /// That of the file of evaluations as it stands.
     evaluated: Mark,
     algorithm: Box<dyn Algorithm>,
+    sensor: &'static dyn Sensor,
     network: Network,
     extensible: bool,
     /// What the running stage has measured of the L2 penalty.
@@ -185,6 +187,7 @@ impl RunDir {
             evaluations,
             evaluated,
             algorithm: plan.config.algorithm.clone(),
+            sensor: plan.config.shared.sensor,
             network,
             extensible: plan.curriculum.extensible,
             dose,
@@ -322,6 +325,7 @@ impl RunDir {
         self.logs.sync()?;
         let checkpoint = Checkpoint {
             algorithm: self.algorithm.clone(),
+            sensor: self.sensor,
             network: self.network.clone(),
             agent: agent.clone(),
             has_adam: true,

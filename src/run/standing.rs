@@ -190,13 +190,14 @@ fn last_agent(
     network: &Network,
 ) -> Result<AgentState, UserError> {
     let file = stage_checkpoint(run, last);
-    let Checkpoint { agent, origin, has_adam, network: found, .. } = Checkpoint::read(&file).map_err(needed)?;
+    let Checkpoint { agent, origin, sensor, has_adam, network: found, .. } = Checkpoint::read(&file).map_err(needed)?;
     let level = manifest.stages.get(usize::from(last)).map(|stage| stage.level.clone());
     let own = (origin.seed, origin.stage, origin.level) == (Some(manifest.seed), Some(last), level);
     let copies = plan.config.algorithm.copies();
     let whole = has_adam && copies.iter().all(|&name| agent.kept.copies.contains_key(name));
     // Of another size it would be refused later, together with all seeds that it is to be stacked with.
-    if !own || !whole || found.tensors() != network.tensors() {
+    let alike = sensor.name() == plan.config.shared.sensor.name() && found.tensors() == network.tensors();
+    if !own || !whole || !alike {
         return Err(needed(format_args!("{}: not the checkpoint that this run wrote", file.display())));
     }
     Ok(agent)

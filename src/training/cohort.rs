@@ -291,10 +291,10 @@ impl Cohort<'_> {
 
 /// Every level, every start cell, the greedy policy.
 fn evaluate_all(experiment: &Experiment, network: &Network, agent: &AgentState) -> Vec<LevelResult> {
-    let max_steps = experiment.config.shared.max_steps;
+    let (max_steps, sensor) = (experiment.config.shared.max_steps, experiment.config.shared.sensor);
     let of_level = |level| {
         let choose = &mut Choose::Greedy;
-        evaluate::network(network, &agent.parameters, level, max_steps, Starts::Exhaustive, choose)
+        evaluate::network(network, sensor, &agent.parameters, level, max_steps, Starts::Exhaustive, choose)
     };
     experiment.curriculum.levels.iter().map(of_level).collect()
 }

@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use coverage_env::{Action, Level, VecEnv};
+use coverage_env::sensor::Full;
+use coverage_env::{Action, Level, Scene, Sensor, VecEnv};
 use cpp_rl::agent::ppo::Rollout;
 use cpp_rl::random::{Purpose, Stream};
 
@@ -18,7 +19,7 @@ fn as_stable_baselines3_estimates() {
     let (terminated, truncated) = (tensors.flags("terminated"), tensors.flags("truncated"));
     let bootstraps: Vec<usize> = (0..64).filter(|&i| truncated[i] && !terminated[i]).collect();
     let terminal_values = tensors.floats("terminal_values");
-    let mut rollout = Rollout::new(2, &Level::builtin("0").expect("built in"));
+    let mut rollout = Rollout::new(2, &Full, &Level::builtin("0").expect("built in"));
     rollout.rewards = tensors.floats("rewards");
     rollout.dones = terminated.iter().zip(&truncated).map(|(a, b)| *a || *b).collect();
     rollout.truncated = bootstraps.clone();
@@ -37,7 +38,7 @@ fn as_stable_baselines3_estimates() {
 #[test]
 fn by_hand() {
     // Two environments, three timesteps; the first ends its episode at timestep 1, truncated there; the second never.
-    let mut rollout = Rollout::new(2, &Level::builtin("0").expect("built in"));
+    let mut rollout = Rollout::new(2, &Full, &Level::builtin("0").expect("built in"));
     rollout.actions = vec![0, 1, 2, 3, 0, 1];
     rollout.rewards = vec![1.0, 10.0, 2.0, 20.0, 3.0, 30.0];
     rollout.dones = vec![false, false, true, false, false, false];
@@ -84,11 +85,11 @@ fn collect(max_steps: u32, actions: &[Action]) -> Rollout {
     };
     let seed = (0..).find(starts_above).expect("one of two starts");
     let mut envs = VecEnv::new(level.clone(), max_steps, vec![Stream::new(seed, 0, Purpose::Environment(0))]);
-    let mut rollout = Rollout::new(1, &level);
+    let mut rollout = Rollout::new(1, &Full, &level);
     for action in actions {
         let mut current = rollout.inputs.clone();
         current.clear();
-        current.push_with(|rows| coverage_env::Observation::new(&level, &envs.states()[0]).push_active(rows));
+        current.push_with(|rows| Full.push_active(Scene::new(&level, &envs.states()[0]), rows));
         rollout.push_observations(&current, &[*action]);
         envs.step(&[*action]);
         rollout.push_steps(&envs);

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use bit_mlp::BitBatch;
-use coverage_env::{Level, Observation};
+use coverage_env::Level;
 use cpp_rl::agent::config::{self, Config};
 use cpp_rl::agent::engine::Parts;
 use cpp_rl::agent::mitigation::{L2, L2Penalty};
@@ -123,7 +123,7 @@ impl Case {
 
     /// Samples `[B, 4, H, W]` of the map, as a batch.
     pub fn batch(&self, observations: &[u8]) -> BitBatch {
-        let constant = Observation::constant_inputs(&self.level);
+        let constant = self.config.shared.sensor.constant_inputs(&self.level);
         let mut batch = BitBatch::default();
         batch.set_constant(&constant);
         for observation in observations.chunks_exact(self.network.num_inputs()) {

@@ -30,6 +30,7 @@ mod sandbox;
 mod sb3_dqn;
 mod sb3_models;
 mod sb3_ppo;
+mod sensors;
 mod settings;
 mod stops;
 mod study;

@@ -50,6 +50,7 @@ fn batch(samples: &Value) -> BitBatch {
 
 fn transitions(case: &Value) -> Transitions {
     Transitions {
+        sensor: Default::default(),
         inputs: batch(&case["inputs"]),
         next: batch(&case["next"]),
         actions: floats(&case["actions"]).iter().map(|&action| action as u8).collect(),
@@ -109,6 +110,7 @@ fn redo_recycles_what_pytorch_finds_dormant() {
         let inputs = batch(&case["inputs"]);
         let samples = inputs.len();
         let transitions = Transitions {
+            sensor: Default::default(),
             next: inputs.clone(),
             inputs,
             actions: vec![1; samples],

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use bit_mlp::BitBatch;
-use coverage_env::{Action, Level, Observation, State, VecEnv};
+use coverage_env::sensor::Full;
+use coverage_env::{Action, Level, Scene, Sensor, State, VecEnv};
 use cpp_rl::agent::dqn::{Replay, Transitions};
 use cpp_rl::random::{Purpose, Stream};
 
@@ -25,7 +26,7 @@ fn step(replay: &mut Replay, envs: &mut VecEnv<Stream>, action: Action) {
 
 /// Many draws from the buffer.
 fn draw(replay: &Replay, level: &Level, count: usize) -> Transitions {
-    let mut drawn = Transitions::new(level);
+    let mut drawn = Transitions::new(&Full, level);
     replay.sample(count, &mut Stream::new(2, 0, Purpose::Minibatches), &mut drawn);
     drawn
 }
@@ -33,7 +34,7 @@ fn draw(replay: &Replay, level: &Level, count: usize) -> Transitions {
 /// The inputs beyond the constant ones of a state of the level.
 fn active(level: &Level, state: &State) -> Vec<u16> {
     let mut rows = Vec::new();
-    Observation::new(level, state).push_active(&mut rows);
+    Full.push_active(Scene::new(level, state), &mut rows);
     rows
 }
 
@@ -50,7 +51,7 @@ fn what_is_stored_comes_back() {
     let samples = |batch: &BitBatch| (0..batch.len()).map(|i| batch.sample(i).to_vec()).collect::<Vec<_>>();
     assert_eq!(samples(&drawn.inputs), vec![before; 3]);
     assert_eq!(samples(&drawn.next), vec![after; 3]);
-    assert_eq!(drawn.inputs.constant(), Observation::constant_inputs(&level));
+    assert_eq!(drawn.inputs.constant(), Full.constant_inputs(&level));
     assert_eq!((drawn.actions, drawn.terminated), (vec![Action::Right as u8; 3], vec![false; 3]));
 }
 

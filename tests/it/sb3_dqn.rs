@@ -72,6 +72,7 @@ fn batches(case: &Case) -> Vec<Transitions> {
         &of[of.len() / UPDATES * i..][..of.len() / UPDATES]
     }
     let batch = |i| Transitions {
+        sensor: case.config.shared.sensor,
         inputs: case.batch(part(&inputs, i)),
         next: case.batch(part(&next, i)),
         actions: part(&actions, i).iter().map(|&action| action as u8).collect(),

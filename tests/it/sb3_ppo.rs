@@ -79,7 +79,7 @@ fn check_terms(case: &Case, update: usize, loss: PpoTerms, norm: f32) {
 /// The recorded rollout, as collecting and estimating would have left it.
 fn rollout(case: &Case) -> Rollout {
     let tensors = &case.tensors;
-    let mut rollout = Rollout::new(1, &case.level);
+    let mut rollout = Rollout::new(1, case.config.shared.sensor, &case.level);
     rollout.inputs = case.batch(&tensors.bytes("observations"));
     rollout.actions = tensors.indices("actions").iter().map(|&action| action as u8).collect();
     rollout.log_probs = tensors.floats("old_log_probs");

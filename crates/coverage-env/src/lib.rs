@@ -9,7 +9,6 @@
 //! | [`state`] | [`State`]: where an episode stands |
 //! | [`env`](mod@env) | the rules, stated once, and [`CoverageEnv`]: reset and step |
 //! | [`sensor`] | what an agent sees: a state as a binary array, dense or as the indices of its ones |
-//! | [`observation`] | the full sensor, for callers that use no other |
 //! | [`vec_env`] | [`VecEnv`]: environments stepped together, with automatic resets |
 //! | [`planner`] | random, greedy A* and the proved optimum, behind one trait |
 //! | [`generator`] | random solvable levels |
@@ -39,7 +38,6 @@ pub mod cell_set;
 pub mod env;
 pub mod generator;
 pub mod level;
-pub mod observation;
 pub mod planner;
 pub mod random;
 pub mod render;
@@ -51,7 +49,6 @@ pub use action::Action;
 pub use cell_set::CellSet;
 pub use env::{CoverageEnv, MAX_STEPS, Step, worst_return};
 pub use level::{BUILTIN_IDS, Cell, Level, LevelDefect, LevelError};
-pub use observation::Observation;
 pub use planner::{EpisodeResult, PlanError, Planner, replay};
 pub use sensor::{Scene, Sensor};
 pub use state::{StartError, State, StateError};

@@ -1,12 +1,12 @@
 //! Sensors: what an agent sees of a state, as a binary array.
 //!
-//! A sensor is one file here and one entry of [`SENSORS`]. It sees a [`Scene`] and nothing else, so that a stored
+//! A sensor is one file here and two lines in this one: its module, and its entry in [`SENSORS`]. From there on its name
+//! is a value of the setting `sensor`, and of `sensor=` in Python. It sees a [`Scene`] and nothing else, so that a stored
 //! transition, which keeps no more, can be observed again.
 
 mod full;
 mod local;
 
-pub(crate) use full::CHANNELS;
 pub use full::Full;
 
 use crate::level::Level;
@@ -22,6 +22,13 @@ pub static SENSORS: &[&dyn Sensor] = &[
 /// The sensor of this name.
 pub fn by_name(name: &str) -> Option<&'static dyn Sensor> {
     SENSORS.iter().copied().find(|sensor| sensor.name() == name)
+}
+
+impl Default for &dyn Sensor {
+    /// The first of [`SENSORS`].
+    fn default() -> Self {
+        SENSORS[0]
+    }
 }
 
 /// What a sensor may look at.
@@ -50,8 +57,8 @@ pub trait Sensor: std::fmt::Debug + Send + Sync {
     /// What settings and checkpoints call it.
     fn name(&self) -> &'static str;
 
-    /// `[C, H, W]`: channels, rows and columns of the array on `level`.
-    fn shape(&self, level: &Level) -> [usize; 3];
+    /// `[C, H, W]`: channels, rows and columns of the array on maps of so many rows and columns.
+    fn shape(&self, height: usize, width: usize) -> [usize; 3];
 
     /// The inputs that are 1 in every scene of `level`, ascending.
     fn constant_inputs(&self, level: &Level) -> Vec<u16>;
@@ -61,7 +68,7 @@ pub trait Sensor: std::fmt::Debug + Send + Sync {
 
     /// The number of inputs on `level`, C · H · W.
     fn inputs(&self, level: &Level) -> usize {
-        self.shape(level).into_iter().product()
+        self.shape(level.height(), level.width()).into_iter().product()
     }
 
     /// Writes the array to `out`, `[C * H * W]`; every element is overwritten.

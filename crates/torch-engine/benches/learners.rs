@@ -6,7 +6,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use coverage_env::random::{below, shuffle};
-use coverage_env::{Action, BUILTIN_IDS, Level, MAX_STEPS, Observation, VecEnv};
+use coverage_env::sensor::Full;
+use coverage_env::{Action, BUILTIN_IDS, Level, MAX_STEPS, Scene, Sensor, VecEnv};
 use cpp_rl::agent::config::{self, Config};
 use cpp_rl::agent::dqn::{DqnConfig, DqnLoss, Replay, Transitions};
 use cpp_rl::agent::engine::{self, Device, Engine, EngineKind};
@@ -74,7 +75,7 @@ fn dqn(criterion: &mut Criterion) {
     let config = Config { algorithm: Box::new(settings.clone()), ..config.clone() };
     let replay = replay(settings.buffer_size);
     let mut stream = Stream::new(0, 0, Purpose::Minibatches);
-    let mut transitions = Transitions::new(&level("0"));
+    let mut transitions = Transitions::new(&Full, &level("0"));
     criterion.bench_function("dqn/draw_a_minibatch", |bencher| {
         bencher.iter(|| {
             replay.sample(settings.batch_size, &mut stream, &mut transitions);
@@ -106,8 +107,8 @@ fn evaluation(criterion: &mut Criterion) {
         criterion.bench_function(&format!("evaluation_of_five_levels/{algo}"), |bencher| {
             bencher.iter(|| {
                 for level in &levels {
-                    let (starts, choose) = (Starts::Exhaustive, &mut Choose::Greedy);
-                    black_box(evaluate::network(&network, &agent.parameters, level, MAX_STEPS, starts, choose));
+                    let (starts, choose, parameters) = (Starts::Exhaustive, &mut Choose::Greedy, &agent.parameters);
+                    black_box(evaluate::network(&network, &Full, parameters, level, MAX_STEPS, starts, choose));
                 }
             });
         });
@@ -142,12 +143,12 @@ impl Wandering {
 fn rollout(steps: usize) -> Rollout {
     let mut wandering = Wandering::new();
     let level = wandering.envs.level().clone();
-    let mut rollout = Rollout::new(1, &level);
+    let mut rollout = Rollout::new(1, &Full, &level);
     let mut current = rollout.inputs.clone();
     for _ in 0..steps {
         current.clear();
         let state = &wandering.envs.states()[0];
-        current.push_with(|active| Observation::new(&level, state).push_active(active));
+        current.push_with(|active| Full.push_active(Scene::new(&level, state), active));
         let actions = wandering.action();
         rollout.push_observations(&current, &actions);
         wandering.envs.step(&actions);

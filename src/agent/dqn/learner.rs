@@ -2,7 +2,7 @@
 
 use bit_mlp::BitBatch;
 use coverage_env::random::{below, unit_f64};
-use coverage_env::{Action, VecEnv};
+use coverage_env::{Action, Sensor, VecEnv};
 
 use super::exploration::Exploration;
 use super::loss::{DqnLoss, TARGET};
@@ -24,6 +24,7 @@ const LOG_INTERVAL: u64 = 2048;
 /// DQN for S independent seeds that advance together.
 pub struct Dqn {
     config: DqnConfig,
+    sensor: &'static dyn Sensor,
     learning_rate: f64,
     /// γ.
     gamma: f64,
@@ -75,19 +76,20 @@ impl Dqn {
             minibatches: Stream::at(&snapshot.position.minibatches),
             replay: Replay::restore(dqn.buffer_size, &stage.level, &replay_of(&snapshot.buffers)),
             chosen: Vec::with_capacity(shared.num_envs),
-            transitions: Transitions::new(&stage.level),
+            transitions: Transitions::new(shared.sensor, &stage.level),
             episodes: snapshot.position.episodes,
             losses: Losses::default(),
             agent: snapshot.agent,
         };
         Self {
             config: dqn.clone(),
+            sensor: shared.sensor,
             learning_rate: shared.optimizer.learning_rate,
             gamma: shared.gamma,
             exploration: Exploration::new(dqn, stage),
             engine,
             regimen,
-            current: vec![observations(&stage.level); snapshots.len()],
+            current: vec![observations(shared.sensor, &stage.level); snapshots.len()],
             values: vec![0.0; snapshots.len() * shared.num_envs * Action::COUNT],
             seeds: snapshots.into_iter().map(seed).collect(),
             timesteps,
@@ -124,7 +126,7 @@ impl Dqn {
         let epsilon = self.exploration.epsilon(self.timesteps);
         if !random {
             for (seed, current) in self.seeds.iter().zip(&mut self.current) {
-                observe(&seed.envs, current);
+                observe(self.sensor, &seed.envs, current);
             }
             self.engine.act(&self.current, &mut self.values);
         }

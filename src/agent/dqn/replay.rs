@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use bit_mlp::BitBatch;
 use coverage_env::random::below;
-use coverage_env::{Action, Level, Observation, State, VecEnv};
+use coverage_env::{Action, Level, Scene, Sensor, State, VecEnv};
 use rand::Rng;
 
 use crate::agent::observe::observations;
@@ -12,13 +12,13 @@ use crate::agent::snapshot::{Buffers, Data};
 
 /// A ring of transitions of one seed on one level, the oldest overwritten first.
 ///
-/// An observation is the agent's cell and one bit per visited cell: everything else is the level's. At 8×8 a transition
-/// takes 26 bytes, so that 100,000 of them take 2.6 MB.
+/// It keeps scenes, not what a sensor makes of them: the agent's cell and one bit per visited cell. Everything else is the
+/// level's. At 8×8 a transition takes 26 bytes, so that 100,000 of them take 2.6 MB.
 #[derive(Clone, Debug)]
 pub struct Replay {
     level: Arc<Level>,
     capacity: usize,
-    /// Words of one observation's visited cells.
+    /// Words of one scene's visited cells.
     words: usize,
     /// Transitions stored.
     len: usize,
@@ -56,6 +56,8 @@ pub struct ReplayState {
 /// A minibatch of B transitions.
 #[derive(Clone, Debug, Default)]
 pub struct Transitions {
+    /// What sees the scenes that the buffer keeps.
+    pub sensor: &'static dyn Sensor,
     /// Observations acted upon, `[B]`.
     pub inputs: BitBatch,
     /// Observations that followed: the final one where the episode ended, `[B]`.
@@ -164,10 +166,11 @@ impl Replay {
 
     /// Appends the transition in `slot` to `out`.
     fn copy(&self, slot: usize, out: &mut Transitions) {
+        let sensor = out.sensor;
         let active = |place: usize, batch: &mut BitBatch| {
-            let words = &self.visited[place * self.words..][..self.words];
-            let observation = Observation::packed(&self.level, self.cells[place], words);
-            batch.push_with(|rows| observation.push_active(rows));
+            let visited = &self.visited[place * self.words..][..self.words];
+            let scene = Scene { level: &self.level, agent: self.cells[place], visited };
+            batch.push_with(|rows| sensor.push_active(scene, rows));
         };
         active(2 * slot, &mut out.inputs);
         active(2 * slot + 1, &mut out.next);
@@ -246,10 +249,10 @@ impl ReplayState {
 }
 
 impl Transitions {
-    /// An empty minibatch for transitions on `level`.
-    pub fn new(level: &Level) -> Self {
-        let [inputs, next] = std::array::from_fn(|_| observations(level));
-        Self { inputs, next, ..Self::default() }
+    /// An empty minibatch for transitions on `level`, as `sensor` sees them.
+    pub fn new(sensor: &'static dyn Sensor, level: &Level) -> Self {
+        let [inputs, next] = std::array::from_fn(|_| observations(sensor, level));
+        Self { sensor, inputs, next, ..Self::default() }
     }
 
     fn clear(&mut self) {

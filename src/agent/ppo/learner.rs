@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use bit_mlp::BitBatch;
 use coverage_env::random::{shuffle, unit_f32};
-use coverage_env::{Action, VecEnv};
+use coverage_env::{Action, Sensor, VecEnv};
 
 use super::loss::{POLICY, PpoLoss, PpoTerms, VALUE};
 use super::rollout::Rollout;
@@ -23,6 +23,7 @@ use crate::random::Stream;
 /// PPO for S independent seeds that advance together.
 pub struct Ppo {
     config: PpoConfig,
+    sensor: &'static dyn Sensor,
     learning_rate: f64,
     gamma: f64,
     engine: Box<dyn Engine>,
@@ -64,7 +65,7 @@ impl Ppo {
             envs: snapshot.envs(shared.max_steps, stage).expect("a snapshot is checked before it is used"),
             actions: Stream::at(&snapshot.position.actions),
             minibatches: Stream::at(&snapshot.position.minibatches),
-            rollout: Rollout::new(shared.num_envs, &stage.level),
+            rollout: Rollout::new(shared.num_envs, shared.sensor, &stage.level),
             order: Vec::new(),
             episodes: snapshot.position.episodes,
             timesteps: snapshot.position.timesteps,
@@ -73,6 +74,7 @@ impl Ppo {
         };
         Self {
             config: ppo.clone(),
+            sensor: shared.sensor,
             learning_rate: shared.optimizer.learning_rate,
             gamma: shared.gamma,
             engine,
@@ -84,13 +86,15 @@ impl Ppo {
     /// Runs the policy for `n_steps` in every environment.
     fn collect(&mut self) {
         let num_envs = self.seeds[0].envs.len();
-        let mut current: Vec<BitBatch> = self.seeds.iter().map(|seed| observations(seed.envs.level())).collect();
+        let sensor = self.sensor;
+        let mut current: Vec<BitBatch> =
+            self.seeds.iter().map(|seed| observations(sensor, seed.envs.level())).collect();
         let mut logits = vec![0.0; self.seeds.len() * num_envs * Action::ALL.len()];
         let mut actions = Vec::with_capacity(num_envs);
         self.seeds.iter_mut().for_each(|seed| seed.rollout.clear());
         for _ in 0..self.config.n_steps {
             for (seed, current) in self.seeds.iter().zip(&mut current) {
-                observe(&seed.envs, current);
+                observe(sensor, &seed.envs, current);
             }
             self.engine.act(&current, &mut logits);
             for (s, (seed, logits)) in self.seeds.iter_mut().zip(logits.chunks_exact(num_envs * 4)).enumerate() {

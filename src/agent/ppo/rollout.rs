@@ -1,7 +1,7 @@
 //! A rollout: what the policy met in `n_steps`, and the advantages estimated from it.
 
 use bit_mlp::BitBatch;
-use coverage_env::{Action, Level, Observation, State, VecEnv};
+use coverage_env::{Action, Level, Scene, Sensor, State, VecEnv};
 use rand::Rng;
 
 use crate::agent::observe::{observations, observe};
@@ -10,6 +10,8 @@ use crate::agent::observe::{observations, observe};
 #[derive(Clone, Debug, Default)]
 pub struct Rollout {
     num_envs: usize,
+    /// What sees the environments.
+    sensor: &'static dyn Sensor,
     /// Observations that were acted upon, `[T, N]`.
     pub inputs: BitBatch,
     /// Observations beyond them: the N that follow the last step, then the final ones of truncated episodes.
@@ -35,10 +37,10 @@ pub struct Rollout {
 }
 
 impl Rollout {
-    /// An empty rollout of `num_envs` environments on `level`.
-    pub fn new(num_envs: usize, level: &Level) -> Self {
-        let [inputs, beyond, finals] = std::array::from_fn(|_| observations(level));
-        Self { num_envs, inputs, beyond, finals, ..Self::default() }
+    /// An empty rollout of `num_envs` environments on `level`, as `sensor` sees them.
+    pub fn new(num_envs: usize, sensor: &'static dyn Sensor, level: &Level) -> Self {
+        let [inputs, beyond, finals] = std::array::from_fn(|_| observations(sensor, level));
+        Self { num_envs, sensor, inputs, beyond, finals, ..Self::default() }
     }
 
     /// Samples collected, T·N once it is full.
@@ -79,12 +81,12 @@ impl Rollout {
     }
 
     fn push_final(&mut self, level: &Level, state: &State) {
-        self.finals.push_with(|rows| Observation::new(level, state).push_active(rows));
+        self.finals.push_with(|rows| self.sensor.push_active(Scene::new(level, state), rows));
     }
 
     /// Closes the collection: notes the observations that follow the last step.
     pub fn finish<R: Rng>(&mut self, envs: &VecEnv<R>) {
-        observe(envs, &mut self.beyond);
+        observe(self.sensor, envs, &mut self.beyond);
         (0..self.finals.len()).for_each(|i| self.beyond.push_sample(self.finals.sample(i)));
     }
 

@@ -34,7 +34,7 @@ impl Monitor {
     /// One for a stage of `config`, with this many timesteps between measurements; none for 0.
     pub fn new(interval: u64, config: &Config, stage: &Stage) -> Option<Self> {
         let probe = || {
-            let states = reference_batch(&stage.level, config.shared.max_steps);
+            let states = reference_batch(config.shared.sensor, &stage.level, config.shared.max_steps);
             Probe::new(config.network(&stage.level), config.algorithm.outputs(), states)
         };
         let schedule = Schedule { interval, timesteps: stage.timesteps };

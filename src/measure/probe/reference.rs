@@ -4,8 +4,9 @@ use std::sync::Arc;
 
 use bit_mlp::BitBatch;
 use coverage_env::random::below;
-use coverage_env::{Action, CoverageEnv, Level, Observation};
+use coverage_env::{Action, CoverageEnv, Level, Scene, Sensor};
 
+use crate::agent::observations;
 use crate::random::{Purpose, Stream};
 
 /// N, the states of a batch.
@@ -14,18 +15,17 @@ pub const NUM_STATES: usize = 512;
 /// common with the usual step limit, it meets every phase of an episode.
 const STRIDE: usize = 23;
 
-/// States of `level` that a uniformly random policy visits, every 23rd timestep over many episodes.
+/// States of `level` that a uniformly random policy visits, every 23rd timestep over many episodes, as `sensor` sees them.
 ///
 /// They depend on the map and the step limit alone, not on a seed, an arm or a curriculum, so that runs are measured on
 /// the same states wherever they meet the level.
-pub fn reference_batch(level: &Arc<Level>, max_steps: u32) -> BitBatch {
-    let mut batch = BitBatch::default();
-    batch.set_constant(&Observation::constant_inputs(level));
+pub fn reference_batch(sensor: &dyn Sensor, level: &Arc<Level>, max_steps: u32) -> BitBatch {
+    let mut batch = observations(sensor, level);
     let mut stream = Stream::new(0, 0, Purpose::ReferenceStates);
     let mut env = CoverageEnv::new(level.clone(), max_steps);
     env.reset(&mut stream);
     while batch.len() < NUM_STATES {
-        batch.push_with(|active| Observation::new(env.level(), env.state()).push_active(active));
+        batch.push_with(|active| sensor.push_active(Scene::new(env.level(), env.state()), active));
         for _ in 0..STRIDE {
             if env.step(Action::ALL[below(&mut stream, Action::COUNT as u32) as usize]).is_done() {
                 env.reset(&mut stream);
@@ -39,6 +39,8 @@ pub fn reference_batch(level: &Arc<Level>, max_steps: u32) -> BitBatch {
 mod tests {
     use std::collections::BTreeSet;
 
+    use coverage_env::sensor::Full;
+
     use super::*;
 
     #[test]
@@ -48,7 +50,7 @@ mod tests {
             Arc::new(Level::from_map(name, &map).expect("a valid map"))
         };
         let samples = |level: &Arc<Level>, max_steps| {
-            let batch = reference_batch(level, max_steps);
+            let batch = reference_batch(&Full, level, max_steps);
             batch.all().samples().map(<[u16]>::to_vec).collect::<Vec<_>>()
         };
         let first = samples(&level("one", "0"), 200);
@@ -59,7 +61,7 @@ mod tests {
     #[test]
     fn a_batch_covers_the_level_and_the_phases_of_an_episode() {
         let level = Arc::new(Level::builtin("3").expect("built in"));
-        let batch = reference_batch(&level, 200);
+        let batch = reference_batch(&Full, &level, 200);
         assert_eq!(batch.len(), NUM_STATES);
         let states: BTreeSet<&[u16]> = batch.all().samples().collect();
         assert!(states.len() > NUM_STATES * 9 / 10, "only {} different states", states.len());

@@ -5,7 +5,7 @@ use crate::cell_set::Cells;
 use crate::level::Level;
 
 /// How many channels there are.
-pub(crate) const CHANNELS: usize = 4;
+const CHANNELS: usize = 4;
 
 /// The whole map, `[4, H, W]`: what the paper's agents see.
 ///
@@ -25,8 +25,8 @@ impl Sensor for Full {
         "full"
     }
 
-    fn shape(&self, level: &Level) -> [usize; 3] {
-        [CHANNELS, level.height(), level.width()]
+    fn shape(&self, height: usize, width: usize) -> [usize; 3] {
+        [CHANNELS, height, width]
     }
 
     /// Channels 0 and 2.

@@ -21,7 +21,7 @@ impl Sensor for Local {
         "local"
     }
 
-    fn shape(&self, _: &Level) -> [usize; 3] {
+    fn shape(&self, _: usize, _: usize) -> [usize; 3] {
         [CHANNELS, SIDE, SIDE]
     }
 

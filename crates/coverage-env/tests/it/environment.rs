@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use chacha20::ChaCha8Rng;
 use chacha20::rand_core::SeedableRng;
-use coverage_env::{Action, CoverageEnv, Level, MAX_STEPS, Observation, StartError, State, Step, worst_return};
+use coverage_env::sensor::SENSORS;
+use coverage_env::{Action, CoverageEnv, Level, MAX_STEPS, Scene, StartError, State, Step, worst_return};
 use proptest::prelude::*;
 
 use crate::support::{actions, builtin, levels_with_start};
@@ -113,7 +114,9 @@ proptest! {
         let state = State { agent, visited: words.into(), remaining, steps };
         let mut env = CoverageEnv::new(Arc::clone(&level), MAX_STEPS);
         if env.set_state(state).is_ok() {
-            Observation::new(&level, env.state()).write(&mut vec![0.0; 4 * level.len()]);
+            for sensor in SENSORS {
+                sensor.write(Scene::new(&level, env.state()), &mut vec![0.0; sensor.inputs(&level)]);
+            }
             actions.into_iter().for_each(|action| {
                 env.step(action);
             });

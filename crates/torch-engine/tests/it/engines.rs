@@ -5,7 +5,8 @@ use std::sync::Arc;
 use bit_mlp::BitBatch;
 use coverage_env::generator::LevelSpec;
 use coverage_env::random::{below, unit_f32};
-use coverage_env::{Action, Level, Observation, VecEnv};
+use coverage_env::sensor::Full;
+use coverage_env::{Action, Level, Scene, Sensor, VecEnv};
 use cpp_rl::agent::config::{self, Config};
 use cpp_rl::agent::dqn::{DqnLoss, Replay, Transitions};
 use cpp_rl::agent::engine::{Device, Engine, FusedEngine, Loss};
@@ -101,11 +102,11 @@ impl Setting {
     fn rollout(&self, seed: u64, steps: usize) -> Rollout {
         let mut stream = Stream::new(seed, 1, Purpose::Actions);
         let mut envs = self.environments(seed);
-        let mut rollout = Rollout::new(envs.len(), &self.level);
+        let mut rollout = Rollout::new(envs.len(), &Full, &self.level);
         let mut current = rollout.inputs.clone();
         for _ in 0..steps {
             current.clear();
-            let push = |state| current.push_with(|rows| Observation::new(&self.level, state).push_active(rows));
+            let push = |state| current.push_with(|rows| Full.push_active(Scene::new(&self.level, state), rows));
             envs.states().iter().for_each(push);
             let actions: Vec<Action> = envs.states().iter().map(|_| uniform(&mut stream)).collect();
             rollout.push_observations(&current, &actions);
@@ -263,7 +264,7 @@ proptest! {
         let mut stream = setting.stream(Purpose::Minibatches);
         let replays: Vec<Replay> = (0..setting.seeds).map(|seed| setting.replay(seed)).collect();
         let mut draw = |replay: &Replay| {
-            let mut transitions = Transitions::new(&setting.level);
+            let mut transitions = Transitions::new(&Full, &setting.level);
             replay.sample(batch_size, &mut stream, &mut transitions);
             transitions
         };
