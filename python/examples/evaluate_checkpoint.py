@@ -18,7 +18,7 @@ def evaluate(agent: checkpoint.Checkpoint, level: cpp_rl_gym.Level) -> np.ndarra
     """The return from each start cell, row by row, of the actions that ``agent`` prefers."""
     tower = {"ppo": "policy", "dqn": "q"}[agent.algorithm]
     starts = level.starts
-    envs = gym.make_vec(cpp_rl_gym.ENV_ID, len(starts), level=level)
+    envs = gym.make_vec(cpp_rl_gym.ENV_ID, len(starts), level=level, sensor=agent.sensor)
     observations, _ = envs.reset(options={"start": starts})
     returns, running = np.zeros(len(starts)), np.ones(len(starts), bool)
     while running.any():

@@ -29,6 +29,16 @@ pytest.importorskip("safetensors", reason="checkpoints are safetensors files")
 
 EXAMPLE = REPOSITORY / "python" / "examples" / "evaluate_checkpoint.py"
 PRESETS = ("ppo", "ppo-l2", "dqn")
+BLOCKS = ["--set", "layer_norm=true", "--set", "activation=crelu"]
+# Networks and sensors that Stable-Baselines3 does not have: preset, settings, and what an export says of them.
+OTHERS = {
+    "norm": ("ppo", BLOCKS[:2], "has no normalised layers"),
+    "crelu": ("dqn", BLOCKS[2:], "has no activation crelu"),
+    "ppo-both": ("ppo", BLOCKS, "has no normalised layers"),
+    "dqn-both": ("dqn", BLOCKS, "has no normalised layers"),
+    "local": ("ppo", ["--set", "sensor=local"], "would not know its sensor local"),
+    "dqn-local": ("dqn", ["--set", "sensor=local", *BLOCKS], "has no normalised layers"),
+}
 TIMESTEPS = 2048  # one rollout of PPO
 
 
@@ -59,6 +69,9 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for preset in PRESETS:
         cpp_rl("train", "--algo", preset, "--level", "2", "--out", folder / "train", *common)
         cpp_rl("curriculum", "--algo", preset, "--levels", "0,1", "--out", folder / "curriculum", *common)
+    for name, (preset, settings, _) in OTHERS.items():
+        arm = ["--set", f"name={name}", *settings]
+        cpp_rl("curriculum", "--algo", preset, *arm, "--levels", "0,1", "--out", folder / "others", *common)
     # Many targets, so that returns differ from start to start although the agents are poor.
     spec = ["--wall-density", "0.1", "--targets", "30", "--seed", "1"]
     (folder / "dense.yaml").write_text(cpp_rl("levels", "generate", *spec))
@@ -73,6 +86,12 @@ def trained(runs: Path, request: pytest.FixtureRequest) -> Trained:
     else:
         stage, level, run = 1, "1", runs / "curriculum" / preset / "curriculum" / "seed-3"
     return Trained(run / "checkpoints" / f"stage-{stage}.safetensors", preset, stage, level)
+
+
+@pytest.fixture(scope="module", params=OTHERS)
+def other(runs: Path, request: pytest.FixtureRequest) -> Trained:
+    run = runs / "others" / request.param / "curriculum" / "seed-3"
+    return Trained(run / "checkpoints" / "stage-1.safetensors", request.param, 1, "1")
 
 
 def test_it_is_read(trained: Trained) -> None:
@@ -90,6 +109,30 @@ def test_it_is_read(trained: Trained) -> None:
 
 
 def test_greedy_evaluation_is_the_same_from_every_start(trained: Trained, runs: Path) -> None:
+    check_evaluation(trained, runs)
+
+
+def test_greedy_evaluation_of_other_networks_is_the_same_from_every_start(other: Trained, runs: Path) -> None:
+    agent, (_, settings, _) = read(other.path), OTHERS[other.preset]
+    assert agent.layer_norm == ("layer_norm=true" in settings)
+    assert (agent.activation == "crelu") == ("activation=crelu" in settings)
+    assert agent.sensor == ("local" if "sensor=local" in settings else "full")
+    assert to_bytes(agent) == other.path.read_bytes()
+    for name, _ in agent.parameters():  # norms are trained too
+        assert np.any(agent.tensors[f"exp_avg/{name}"])
+    check_evaluation(other, runs)
+
+
+def test_other_networks_are_not_exported(
+    other: Trained, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", str(other.path), str(folder / "a.zip")]) == 2
+    assert OTHERS[other.preset][2] in capsys.readouterr().err
+    assert not (folder / "a.zip").exists()
+
+
+def check_evaluation(trained: Trained, runs: Path) -> None:
+    """That Python's arithmetic earns what `cpp-rl eval` says, start by start."""
     evaluate = runpy.run_path(str(EXAMPLE))["evaluate"]
     agent, kinds = read(trained.path), set()
     for name in (trained.level, str(runs / "dense.yaml")):

@@ -7,12 +7,13 @@ import struct
 import zlib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from conftest import SB3_FIXTURES, assert_equal, random_checkpoint
-from cpp_rl_gym.checkpoint import CheckpointError, from_bytes, read, to_bytes, write
+from cpp_rl_gym.checkpoint import Checkpoint, CheckpointError, from_bytes, read, to_bytes, write
 
 pytest.importorskip("safetensors", reason="checkpoints are safetensors files")
 
@@ -75,6 +76,7 @@ def test_every_damaged_byte_is_noticed() -> None:
         ({"novelty": 1}, "missing or unknown keys: novelty"),
         ({"algorithm": "sac"}, "algorithm 'sac' is not one of ppo, dqn"),
         ({"activation": "gelu"}, "activation 'gelu'"),
+        ({"extra": {"resets": 0.5}}, "counter resets is 0.5, not a whole number"),
         ({"height": 3}, "takes 24 inputs, not 4 x 3 x 3"),
         ({"towers": {"policy": [24, 5, 4], "value": [24, 1]}}, "value"),
         ({"towers": {"policy": 4}}, "not a readable checkpoint"),
@@ -96,28 +98,63 @@ def test_any_of_the_counters_may_be_missing(counters: dict) -> None:
     assert from_bytes(raw, "c").counters == counters
 
 
-def test_what_later_versions_may_add_is_kept() -> None:
-    """Optional fields of the header, and tensors under prefixes of their own."""
+def test_what_mitigations_keep_is_kept() -> None:
+    """Counts, lists, and further copies of the parameters."""
     checkpoint = random_checkpoint()
-    checkpoint.extra = {"mitigation": {"name": "l2-init", "dose": 0.5}}
-    checkpoint.tensors["initial/policy.0.bias"] = np.arange(5, dtype=np.float32)
+    checkpoint.extra = {"resets/units": 7, "a/count": 2**60}
+    checkpoint.tensors["extra/resets/ages"] = np.arange(5, dtype=np.float32)
+    checkpoint.tensors |= {f"l2_init/first/{name}": np.ones(shape, np.float32) for name, shape in checkpoint.parameters()}
     raw = to_bytes(checkpoint)
     assert_equal(from_bytes(raw, "c"), checkpoint)
     assert to_bytes(from_bytes(raw, "c")) == raw
-    assert checkpoint.forward("policy", np.zeros((1, 4, 2, 3))).shape == (1, 4)
+    assert from_bytes(raw, "c").copies() == ["l2_init/first"]
+    # The policy of the copy has nothing but ones: its first layer's sums are all 1 + 1 on one input that is 1.
+    observation = np.eye(1, 24)
+    expected = 1 + 5 * np.tanh(2)
+    np.testing.assert_allclose(checkpoint.forward("l2_init/first/policy", observation), [[expected] * 4], rtol=1e-6)
+    del checkpoint.tensors["l2_init/first/value.1.bias"]
+    with pytest.raises(ValueError, match=r"lacks the tensors l2_init/first/value\.1\.bias"):
+        to_bytes(checkpoint)
 
 
-def test_normalised_layers_are_kept_but_not_computed() -> None:
-    checkpoint = random_checkpoint()
-    checkpoint.norm = "layer"
-    for name in ("policy.0.norm.weight", "exp_avg/policy.0.norm.weight"):
-        checkpoint.tensors[name] = np.ones(5, np.float32)
-    assert_equal(from_bytes(to_bytes(checkpoint), "c"), checkpoint)
-    with pytest.raises(ValueError, match="are normalised"):
-        checkpoint.forward("policy", np.zeros((1, 4, 2, 3)))
+def test_normalised_layers_and_crelu_by_hand() -> None:
+    """One layer of two units; their sums are 1 and 3, so that they lie one standard deviation from their mean."""
+    tensors: dict[str, np.ndarray] = {
+        "q.0.weight": np.zeros((8, 2)),
+        "q.0.bias": np.array([1, 3]),
+        "q.0.scale": np.array([2, 3]),
+        "q.0.shift": np.array([0, 1]),
+        # The positive parts of both units, then the negative ones.
+        "q.1.weight": np.eye(4),
+        "q.1.bias": np.zeros(4),
+    }
+    tensors |= {f"target/{name}": tensor for name, tensor in tensors.items()}
+    tensors = {name: tensor.astype(np.float32) for name, tensor in tensors.items()}
+    network: dict[str, Any] = {"towers": {"q": (8, 2, 4)}, "height": 1, "width": 2, "tensors": tensors}
+    checkpoint = Checkpoint(algorithm="dqn", activation="crelu", layer_norm=True, **network)
+    one = 1 / np.sqrt(1 + 1e-5)
+    expected = [[0, 3 * one + 1, 2 * one, 0]]
+    np.testing.assert_allclose(checkpoint.forward("q", np.ones((1, 8))), expected, rtol=1e-6)
+    raw = to_bytes(checkpoint)
+    assert_equal(from_bytes(raw, "c"), checkpoint)
+    for change, message in (
+        ({"layer_norm": False}, r"unknown tensors q\.0\.scale"),
+        ({"layer_norm": 1}, "layer_norm is 1, not true or false"),
+        ({"activation": "relu"}, r"q\.1\.weight is float32 \[4, 4\], not float32 \[2, 4\]"),
+    ):
+        with pytest.raises(CheckpointError, match=message):
+            from_bytes(with_header(raw, change), "c")
 
 
-@pytest.mark.parametrize("name", ["policy.9.weight", "target/policy.0.bias", "exp_avg/policy.9.bias"])
+def test_inputs_are_those_of_the_sensor() -> None:
+    """Of all but the default, this reader does not know how many there are."""
+    raw = to_bytes(random_checkpoint())
+    assert b"sensor" not in raw and b"layer_norm" not in raw and b"extra" not in raw
+    elsewhere = with_header(raw, {"sensor": "local", "height": 9})
+    assert from_bytes(elsewhere, "c").sensor == "local"
+
+
+@pytest.mark.parametrize("name", ["policy.9.weight", "target/policy.0.bias", "exp_avg/policy.9.bias", "policy.0.scale"])
 def test_unknown_tensors_of_the_networks_are_named(name: str) -> None:
     checkpoint = random_checkpoint()
     checkpoint.tensors[name] = np.zeros(1, np.float32)

@@ -1,9 +1,10 @@
 """cpp-rl's checkpoints: one safetensors file that holds weights, optimiser state and where they come from.
 
 Tensors are float32 and C-contiguous. Layer ``i`` of a tower is ``{tower}.{i}.weight``, shape ``[in, out]`` (torch's
-``nn.Linear`` keeps ``[out, in]``), and ``{tower}.{i}.bias``, shape ``[out]``. PPO has the towers ``policy`` and
-``value``; DQN has ``q`` and its target network ``target/q``. Adam's moments carry the same names behind ``exp_avg/``
-and ``exp_avg_sq/`` (all of them or none; a target network has none).
+``nn.Linear`` keeps ``[out, in]``), and ``{tower}.{i}.bias``, shape ``[out]``. A normalised layer has ``scale`` and
+``shift`` too, shape ``[out]``. PPO has the towers ``policy`` and ``value``; DQN has ``q``. Adam's moments carry the same
+names behind ``exp_avg/`` and ``exp_avg_sq/``, all of them or none. Copies of the parameters carry them behind a name of
+their own, such as DQN's target network, ``target/q``. ``extra/{name}`` is a list that a mitigation keeps.
 
 ``__metadata__`` has one key, ``cpp-rl``: a compact JSON object with the fields of :class:`Checkpoint`. Its first field
 is ``crc32``: the checksum of the whole file while those eight digits are ``00000000``. docs/checkpoints.md has the
@@ -16,7 +17,7 @@ import json
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from pathlib import Path
@@ -26,9 +27,17 @@ import numpy as np
 
 FORMAT = 1
 TOWERS: dict[str, tuple[str, ...]] = {"ppo": ("policy", "value"), "dqn": ("q",)}
+ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "tanh": np.tanh,
+    "relu": lambda x: np.maximum(x, 0),
+    "crelu": lambda x: np.maximum(np.concatenate((x, -x), axis=1), 0),  # Abbas et al. 2023
+}
 COUNTERS = ("updates", "target_calls")
-OPTIONAL = ("norm", "extra")  # fields of the header that a file may lack
-CHANNELS = 4
+OPTIONAL = ("layer_norm", "sensor", "extra")  # fields of the header that are left out at their defaults
+CHANNELS = 4  # of the sensor ``full``
+EPSILON = 1e-5  # what normalised layers add to the variance
+MOMENTS = ("exp_avg", "exp_avg_sq")
+LIST = "extra/"  # what the names of lists begin with
 
 _CRC_MARK = rb"\"crc32\":\""
 _ZEROS = b"00000000"
@@ -43,17 +52,18 @@ class Checkpoint:
     """Weights and optimiser state of one agent.
 
     ``tensors`` maps the names of the module's documentation to float32 arrays. ``towers`` maps each tower to its layer
-    sizes, e.g. ``{"q": (256, 64, 64, 4)}``; the first is ``4 * height * width``. ``adam_step`` is 0 when there is no
-    optimiser state. ``counters`` may have ``updates`` (epochs of PPO, gradient steps of DQN) and ``target_calls``
-    (environment steps that time the copies into DQN's target network); a missing one is 0.
+    sizes, e.g. ``{"q": (256, 64, 64, 4)}``: the inputs, then the units of each layer. ``sensor`` is what the agent sees
+    with, and says how many inputs there are: ``4 * height * width`` of ``full``. ``layer_norm`` says whether hidden
+    layers are normalised (Ba et al. 2016). A unit of the activation ``crelu`` gives two numbers, so that the next layer
+    takes twice as many.
 
-    ``norm`` and ``extra`` are optional fields of the header, None where the file has none. They are kept as they stand.
-    ``norm`` says that layers are normalised, which :meth:`forward` does not compute. Tensors beside those of the
-    networks and of Adam are kept too; names with ``/`` belong to what wrote them.
+    ``adam_step`` is 0 when there is no optimiser state. ``counters`` may have ``updates`` (epochs of PPO, gradient steps
+    of DQN) and ``target_calls`` (environment steps that time the copies into DQN's target network); a missing one is 0.
+    ``extra`` has the counts that mitigations keep, by name.
     """
 
     algorithm: Literal["ppo", "dqn"]
-    activation: Literal["tanh", "relu"]
+    activation: Literal["tanh", "relu", "crelu"]
     towers: dict[str, tuple[int, ...]]
     height: int
     width: int
@@ -65,69 +75,83 @@ class Checkpoint:
     level: str | None = None
     source: str = ""
     counters: dict[str, int] = field(default_factory=dict)
-    norm: Any = None
-    extra: Any = None
+    layer_norm: bool = False
+    sensor: str = "full"
+    extra: dict[str, int] = field(default_factory=dict)
 
     def parameters(self) -> Iterator[tuple[str, tuple[int, ...]]]:
-        """Name and shape of every trained tensor, tower by tower, weight before bias."""
+        """Name and shape of every trained tensor, tower by tower and layer by layer."""
         for tower, sizes in self.towers.items():
             for i, (inputs, outputs) in enumerate(pairwise(sizes)):
-                yield f"{tower}.{i}.weight", (inputs, outputs)
+                doubled = self.activation == "crelu" and i > 0
+                yield f"{tower}.{i}.weight", (2 * inputs if doubled else inputs, outputs)
                 yield f"{tower}.{i}.bias", (outputs,)
+                if self.layer_norm and i < len(sizes) - 2:
+                    yield f"{tower}.{i}.scale", (outputs,)
+                    yield f"{tower}.{i}.shift", (outputs,)
+
+    def copies(self) -> list[str]:
+        """The names of all copies of the parameters, such as DQN's ``target``."""
+        first = f"/{next(iter(self.towers))}.0.weight"
+        prefixes = (name.removesuffix(first) for name in self.tensors if name.endswith(first))
+        return [name for name in prefixes if name not in MOMENTS and not f"{name}/".startswith(LIST)]
 
     def forward(self, tower: str, observations: np.ndarray) -> np.ndarray:
-        """Outputs ``[B, out]`` of a tower, or of DQN's ``target/q``, on observations ``[B, 4, H, W]``.
+        """Outputs ``[B, out]`` of a tower, or of a copy such as ``target/q``, on observations ``[B, ...]``.
 
-        Raises ValueError for networks whose layers are normalised.
+        The observations are those of :attr:`sensor`, flat or as grids.
         """
-        if self.norm is not None:
-            raise ValueError(f"the layers of this network are normalised ({self.norm!r}), which is not computed here")
         x = np.asarray(observations, np.float32).reshape(len(observations), -1)
-        last = len(self.towers[tower.removeprefix("target/")]) - 2
+        last = len(self.towers[tower.rpartition("/")[2]]) - 2
         for i in range(last + 1):
             x = x @ self.tensors[f"{tower}.{i}.weight"] + self.tensors[f"{tower}.{i}.bias"]
             if i < last:
-                x = np.tanh(x) if self.activation == "tanh" else np.maximum(x, 0)
+                if self.layer_norm:
+                    centred = x - x.mean(axis=1, keepdims=True)
+                    x = centred / np.sqrt((centred**2).mean(axis=1, keepdims=True) + np.float32(EPSILON))
+                    x = x * self.tensors[f"{tower}.{i}.scale"] + self.tensors[f"{tower}.{i}.shift"]
+                x = ACTIVATIONS[self.activation](x)
         return x
 
     def fault(self) -> str | None:
         """What contradicts the format, or None."""
         if self.algorithm not in TOWERS:
             return f"algorithm {self.algorithm!r} is not one of {', '.join(TOWERS)}"
-        if self.activation not in ("tanh", "relu"):
-            return f"activation {self.activation!r} is not tanh or relu"
+        if self.activation not in ACTIVATIONS:
+            return f"activation {self.activation!r} is not one of {', '.join(ACTIVATIONS)}"
+        if not isinstance(self.layer_norm, bool):
+            return f"layer_norm is {self.layer_norm!r}, not true or false"
         if tuple(self.towers) != TOWERS[self.algorithm]:
             return f"{self.algorithm} has the towers {TOWERS[self.algorithm]}, not {tuple(self.towers)}"
         for tower, sizes in self.towers.items():
             if len(sizes) < 2 or any(not isinstance(n, int) or n < 1 for n in sizes):
                 return f"tower {tower} has the sizes {list(sizes)}"
-            if sizes[0] != CHANNELS * self.height * self.width:
+            # What other sensors have on these maps, the compiled part knows.
+            if self.sensor == "full" and sizes[0] != CHANNELS * self.height * self.width:
                 return f"tower {tower} takes {sizes[0]} inputs, not 4 x {self.height} x {self.width}"
-        for name, count in self.counters.items():
-            if name not in COUNTERS:
-                return f"counter {name!r} is not one of {', '.join(COUNTERS)}"
+        if odd := sorted(self.counters.keys() - set(COUNTERS)):
+            return f"counter {odd[0]!r} is not one of {', '.join(COUNTERS)}"
+        for name, count in (self.counters | self.extra).items():
             if isinstance(count, bool) or not isinstance(count, int) or count < 0:
                 return f"counter {name} is {count!r}, not a whole number from 0"
         return self._tensor_fault()
 
     def _tensor_fault(self) -> str | None:
-        expected = dict(self.parameters())
-        if self.algorithm == "dqn":
-            expected |= {f"target/{name}": shape for name, shape in self.parameters()}
-        if any(name.startswith(("exp_avg/", "exp_avg_sq/")) for name in self.tensors):
+        copies = {*self.copies()} | ({"target"} if self.algorithm == "dqn" else set())
+        if any(name.startswith(tuple(f"{moment}/" for moment in MOMENTS)) for name in self.tensors):
             if self.adam_step < 1:
                 return "it has optimiser state but adam_step 0"
-            expected |= {f"{m}/{name}": shape for m in ("exp_avg", "exp_avg_sq") for name, shape in self.parameters()}
+            copies.update(MOMENTS)
         elif self.adam_step != 0:
             return f"adam_step is {self.adam_step} but there is no optimiser state"
+        own = dict(self.parameters())
+        expected = own | {f"{copy}/{name}": shape for copy in copies for name, shape in own.items()}
         if missing := sorted(expected.keys() - self.tensors.keys()):
             return f"it lacks the tensors {', '.join(missing)}"
-        if self.norm is None:
-            # Tensors that later versions add have prefixes of their own. Under these prefixes nothing else may stand.
-            prefixes = ("", "exp_avg", "exp_avg_sq", "target")
-            found = {name for name in self.tensors if name.rpartition("/")[0] in prefixes}
-            if unknown := sorted(found - expected.keys()):
-                return f"it has unknown tensors {', '.join(unknown)}"
+        lists = {name: (tensor.size,) for name, tensor in self.tensors.items() if name.startswith(LIST)}
+        expected |= lists
+        if unknown := sorted(self.tensors.keys() - expected.keys()):
+            return f"it has unknown tensors {', '.join(unknown)}"
         for name, shape in expected.items():
             tensor = self.tensors[name]
             if tensor.dtype != np.float32 or tensor.shape != shape:
@@ -146,6 +170,8 @@ def to_bytes(checkpoint: Checkpoint) -> bytes:
         "kind": "stage",
         "algorithm": c.algorithm,
         "activation": c.activation,
+        "layer_norm": c.layer_norm,
+        "sensor": c.sensor,
         "towers": {tower: list(sizes) for tower, sizes in c.towers.items()},
         "height": c.height,
         "width": c.width,
@@ -156,8 +182,11 @@ def to_bytes(checkpoint: Checkpoint) -> bytes:
         "level": c.level,
         "source": c.source,
         "counters": c.counters,
+        "extra": dict(sorted(c.extra.items())),
     }
-    document |= {name: getattr(c, name) for name in OPTIONAL if getattr(c, name) is not None}
+    for name, default in zip(OPTIONAL, (False, "full", {}), strict=True):
+        if document[name] == default:
+            del document[name]
     text = json.dumps(document, separators=(",", ":"), ensure_ascii=False)
     tensors = {name: np.ascontiguousarray(tensor) for name, tensor in c.tensors.items()}
     raw: bytes = _safetensors().save(tensors, metadata={"cpp-rl": text})

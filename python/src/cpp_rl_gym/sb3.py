@@ -3,7 +3,8 @@
     python -m cpp_rl_gym.sb3 import MODEL.zip OUT.safetensors
     python -m cpp_rl_gym.sb3 export CHECKPOINT OUT.zip
 
-PPO and DQN with ``MlpPolicy`` on a flattened ``[4, H, W]`` observation, optimiser state included. Both ways need
+PPO and DQN with ``MlpPolicy`` on a flattened ``[4, H, W]`` observation, optimiser state included. What mitigations keep
+is not exported. Neither are networks that ``MlpPolicy`` cannot be, and agents with another sensor. Both ways need
 safetensors; neither needs Stable-Baselines3 or PyTorch, and importing runs no code of the zip. The names follow
 Stable-Baselines3's ``common/policies.py``, ``dqn/policies.py`` and ``common/save_util.py``.
 """
@@ -74,6 +75,7 @@ POLICY = {
     "ppo": ("stable_baselines3.common.policies", "ActorCriticPolicy"),
     "dqn": ("stable_baselines3.dqn.policies", "DQNPolicy"),
 }
+ACTIVATIONS: dict[Activation, str] = {"tanh": "Tanh", "relu": "ReLU"}
 DEFAULT_ACTIVATION: dict[Algorithm, Activation] = {"ppo": "tanh", "dqn": "relu"}
 
 Names = list[tuple[str, str]]  # (ours, Stable-Baselines3's) for every trained tensor, in its optimiser's order
@@ -205,7 +207,7 @@ def _activation(data: dict[str, Any], algorithm: Algorithm, fail: Any) -> Activa
     named = (data.get("policy_kwargs") or {}).get("activation_fn")
     if named is None:
         return DEFAULT_ACTIVATION[algorithm]
-    known: dict[str, Activation] = {"Tanh": "tanh", "ReLU": "relu"}
+    known = {theirs: ours for ours, theirs in ACTIVATIONS.items()}
     last = str(named).removesuffix("'>").rpartition(".")[2]
     if last not in known:
         raise fail(f"its activation is {last}; only Tanh and ReLU can be imported")
@@ -284,8 +286,13 @@ def _to_zip(c: Checkpoint, *, l2: bool) -> bytes:
     """The bytes of the zip: constructor arguments, the policy's and the optimiser's state."""
     if fault := c.fault():
         raise ValueError(f"not a valid checkpoint: {fault}")
-    if c.norm is not None:
-        raise CheckpointError(f"its layers are normalised ({c.norm!r}), which an MlpPolicy cannot express")
+    cannot = "this checkpoint cannot be exported, since MlpPolicy of Stable-Baselines3"
+    if c.layer_norm:
+        raise CheckpointError(f"{cannot} has no normalised layers (layer_norm)")
+    if c.activation not in ACTIVATIONS:
+        raise CheckpointError(f"{cannot} has no activation {c.activation}")
+    if c.sensor != "full":
+        raise CheckpointError(f"{cannot} would not know its sensor {c.sensor}; only agents with the sensor full can be")
     names = parameter_names(c.algorithm, {tower: len(sizes) - 1 for tower, sizes in c.towers.items()})
     policy = {theirs: _transposed(c.tensors[ours]) for ours, theirs in names}
     if c.algorithm == "dqn":
@@ -303,7 +310,7 @@ def _arguments(c: Checkpoint, *, l2: bool) -> dict[str, Any]:
     """The attributes of the model that are not tensors."""
     gymnasium = _require("gymnasium")
     hidden = {tower: list(sizes[1:-1]) for tower, sizes in c.towers.items()}
-    activation = {"tanh": "Tanh", "relu": "ReLU"}[c.activation]
+    activation = ACTIVATIONS[c.activation]
     policy_kwargs: dict[str, Any] = {
         "net_arch": hidden["q"] if c.algorithm == "dqn" else {"pi": hidden["policy"], "vf": hidden["value"]},
         "activation_fn": pth.Name("torch.nn.modules.activation", activation),
