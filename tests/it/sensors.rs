@@ -5,7 +5,7 @@ use coverage_env::sensor::SENSORS;
 use cpp_rl::run::checkpoint::Checkpoint;
 use rustix::process::Signal;
 
-use crate::sandbox::Sandbox;
+use crate::sandbox::{RunFiles, Sandbox};
 use crate::stops::{command, runs, stop_within};
 
 /// Observations, rollouts, the replay buffer and measures: if one of them forgot the sensor, its bytes would differ.
@@ -36,13 +36,14 @@ fn an_extended_training_goes_on_with_its_sensor() {
         let train = |out: &str, timesteps: u32, options: &str| {
             let command = "train --config ppo.yaml --level c.yaml";
             sandbox.succeeds(&format!("{command} --set sensor={sensor} --timesteps {timesteps} --out {out} {options}"));
-            sandbox.run(&format!("../{out}/ppo/level-c/seed-0"))
+            RunFiles(sandbox.path(out).join("ppo/level-c/seed-0"))
         };
         train("extended", 256, "");
         let extended = train("extended", 640, "--resume");
         extended.reproducible().assert_same(&train("whole", 640, "").reproducible());
         let other = "train --config ppo.yaml --level c.yaml --timesteps 640 --out extended --resume";
-        assert!(sandbox.fails(2, other).contains(&format!("sensor: {sensor} → full")));
+        let error = sandbox.fails(2, other);
+        assert!(error.contains(&format!("sensor: \"{sensor}\" → \"full\"")), "{error}");
     }
 }
 
@@ -54,7 +55,7 @@ fn a_checkpoint_is_evaluated_with_its_sensor() {
             let (name, out) = (sensor.name(), sensor.name());
             let command = format!("train --config {algo}.yaml --level c.yaml --timesteps 3000 --out {out}");
             sandbox.succeeds(&format!("{command} --set sensor={name}"));
-            let run = sandbox.run(&format!("../{out}/{algo}/level-c/seed-0"));
+            let run = RunFiles(sandbox.path(out).join(algo).join("level-c/seed-0"));
             let file = run.0.join("checkpoints/stage-0.safetensors");
             let checkpoint = Checkpoint::read(&file).expect("a checkpoint");
             let level = Level::resolve(&sandbox.path("c.yaml").display().to_string()).expect("a level");

@@ -27,7 +27,8 @@ import numpy as np
 
 FORMAT = 1
 TOWERS: dict[str, tuple[str, ...]] = {"ppo": ("policy", "value"), "dqn": ("q",)}
-ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+Activation = Literal["tanh", "relu", "crelu"]
+ACTIVATIONS: dict[Activation, Callable[[np.ndarray], np.ndarray]] = {
     "tanh": np.tanh,
     "relu": lambda x: np.maximum(x, 0),
     "crelu": lambda x: np.maximum(np.concatenate((x, -x), axis=1), 0),  # Abbas et al. 2023
@@ -63,7 +64,7 @@ class Checkpoint:
     """
 
     algorithm: Literal["ppo", "dqn"]
-    activation: Literal["tanh", "relu", "crelu"]
+    activation: Activation
     towers: dict[str, tuple[int, ...]]
     height: int
     width: int

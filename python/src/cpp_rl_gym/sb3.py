@@ -29,6 +29,7 @@ import numpy as np
 from cpp_rl_gym import pth
 from cpp_rl_gym.checkpoint import (
     CHANNELS,
+    Activation,
     Checkpoint,
     CheckpointError,
     MissingPackageError,
@@ -39,7 +40,6 @@ from cpp_rl_gym.checkpoint import (
 )
 
 Algorithm = Literal["ppo", "dqn"]
-Activation = Literal["tanh", "relu"]
 
 # The paper's hyper-parameters; they are not part of a checkpoint, so an exported model carries these.
 LEARNING_RATE = 1e-4
