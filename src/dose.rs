@@ -7,7 +7,7 @@ use crate::agent::Stage;
 use crate::agent::config::Config;
 use crate::agent::mitigation::{L2, L2Penalty};
 use crate::config::Choice;
-use crate::curriculum::Curriculum;
+use crate::experiment::Curriculum;
 
 /// A penalty below this share of the weights, or of the loss's gradient, is too weak to act.
 pub const WEAK: f64 = 0.01;
@@ -134,8 +134,9 @@ mod tests {
     #[test]
     fn the_published_penalty_does_nothing() {
         let config = crate::agent::config::resolve(Some("ppo-l2"), None, &[], None).unwrap();
-        let levels = coverage_env::BUILTIN_IDS.iter().filter_map(|id| Level::builtin(id)).collect();
-        let dose = Dose::planned(&config, &Curriculum::sequence(levels, 500_000).unwrap());
+        let levels = coverage_env::BUILTIN_IDS.iter().filter_map(|id| Level::builtin(id));
+        let stages = levels.map(|level| (level.into(), 500_000)).collect();
+        let dose = Dose::planned(&config, &Curriculum::sequence("five", stages).unwrap());
         // Five levels of 245 rollouts of 2,048 timesteps, each ten epochs of 32 minibatches.
         assert_eq!(dose.optimizer_steps, 5 * 245 * 320);
         let planned = dose.planned_shrink.unwrap();

@@ -8,7 +8,7 @@
 //! | to read | begin with |
 //! |---|---|
 //! | how an agent is trained | [`training::train`], which trains [`training::Experiment`]s; then [`agent`] |
-//! | what is trained | [`agent::config::resolve`] for the settings, [`curriculum`] for the levels, [`study`] for many arms |
+//! | what is trained | [`agent::config::resolve`] for the settings, [`experiment`] for sequences of levels and studies |
 //! | what a run leaves on disk | [`run::RunDir`]; [`run::checkpoint`] for an agent, [`run::manifest`] for what ran |
 //! | what is measured | [`evaluate`] for returns, [`measure`] for networks |
 //! | what runs say | [`report`] |
@@ -19,7 +19,7 @@
 //!
 //! # Rules
 //!
-//! - Dependencies point downwards only: `cli` → `study`, `training`, `report` → `run` → `measure`, `curriculum`,
+//! - Dependencies point downwards only: `cli` → `training`, `report` → `run` → `measure`, `experiment`,
 //!   `evaluate` → `agent` → `config`, [`random`] → the crates. The crate `torch_engine` stands above: it brings libtorch.
 //! - Only [`run`] writes below `runs/`, and only [`agent`] knows how networks are computed.
 //! - Random numbers come from one stream for each seed, stage and purpose. With the fused engine a seed's results are the
@@ -28,10 +28,10 @@
 pub mod agent;
 pub mod cli;
 pub mod config;
-pub mod curriculum;
 pub mod dose;
 pub mod error;
 pub mod evaluate;
+pub mod experiment;
 pub mod measure;
 pub mod messages;
 pub mod random;
@@ -39,6 +39,5 @@ pub mod report;
 pub mod results;
 pub mod run;
 pub mod shell;
-pub mod study;
 pub mod text_file;
 pub mod training;

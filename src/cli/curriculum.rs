@@ -1,6 +1,7 @@
 //! `cpp-rl curriculum`.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use anyhow::Result;
 use clap::Args;
@@ -10,8 +11,9 @@ use super::output::write_stdout;
 use super::parse_levels;
 use super::training::{TrainingArgs, carry_out, conclude};
 use crate::agent::Stage;
-use crate::curriculum::Curriculum;
 use crate::error::UserError;
+use crate::experiment::curriculum::ONLY;
+use crate::experiment::{Curriculum, Timesteps};
 use crate::messages::{Verbosity, past_bars};
 use crate::report::analysis::Analysis;
 use crate::report::{Format, Table, exhibits, render};
@@ -25,9 +27,12 @@ const PRINTED_LEVEL: &str = "3";
 pub struct CurriculumArgs {
     #[command(flatten)]
     training: TrainingArgs,
-    /// The levels in the order of training: ids, ranges such as 0..5, or paths, separated by commas.
+    /// The levels in the order of training: ids, ranges such as 0..5, or paths, separated by commas. A level may come again.
     #[arg(long, value_name = "SPEC", default_value = "0..5")]
     levels: String,
+    /// Timesteps per stage and seed, or a list with those of each stage [default: the preset's, as in the paper].
+    #[arg(long, value_name = "N")]
+    timesteps: Option<Timesteps>,
     /// How the tables are printed.
     #[arg(long, value_enum, default_value_t = Format::Table)]
     format: Format,
@@ -39,9 +44,18 @@ impl CurriculumArgs {
     /// # Errors
     /// Wrong input, and seeds that failed.
     pub fn run(&self, verbosity: Verbosity) -> Result<()> {
-        let config = self.training.config()?;
-        let curriculum = Curriculum::sequence(parse_levels(&self.levels)?, config.shared.timesteps)
-            .map_err(|problem| UserError::new(format!("--levels: {problem}")))?;
+        let for_all = match self.timesteps {
+            Some(Timesteps::Each(timesteps)) => Some(timesteps),
+            _ => None,
+        };
+        let config = self.training.config(for_all)?;
+        let levels = parse_levels(&self.levels)?;
+        let timesteps = self.timesteps.clone().unwrap_or(Timesteps::Each(config.shared.timesteps));
+        let timesteps = timesteps.of_stages(levels.len(), levels.len());
+        let timesteps = timesteps.map_err(|problem| UserError::new(format!("--{problem}")))?;
+        let stages = levels.into_iter().map(Arc::new).zip(timesteps).collect();
+        let curriculum =
+            Curriculum::sequence(ONLY, stages).map_err(|problem| UserError::new(format!("--levels: {problem}")))?;
         let experiments = [self.training.experiment(config, curriculum, "curriculum")?];
         let [experiment] = &experiments;
         let stages = &experiment.curriculum.stages;

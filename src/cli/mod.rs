@@ -89,7 +89,7 @@ pub enum Command {
     Train(train::TrainArgs),
     /// Train agents on one level after another and print the paper's tables.
     Curriculum(curriculum::CurriculumArgs),
-    /// Train every arm of a study file, through its levels and on each from scratch [default: the paper's arms].
+    /// Train every arm of a study file: sequences of levels, levels from scratch, sweeps [default: the paper's arms].
     Study(study::StudyArgs),
     /// Evaluate checkpoints.
     Eval(eval::EvalArgs),

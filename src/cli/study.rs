@@ -1,25 +1,25 @@
 //! `cpp-rl study`.
 
-use std::collections::BTreeMap;
-use std::iter::repeat;
+mod estimate;
+
 use std::path::PathBuf;
-use std::time::Duration;
 
 use anyhow::Result;
 use clap::Args;
-use indicatif::HumanDuration;
 
 use super::training::{LaunchArgs, carry_out, conclude};
 use super::{Seeds, default_out};
-use crate::agent::config::Config;
-use crate::curriculum::Curriculum;
+use crate::error::UserError;
+use crate::experiment::Study;
+use crate::experiment::study::Planned;
 use crate::messages::{Verbosity, tell};
-use crate::run::manifest::Manifest;
-use crate::study::{Study, measure_rate};
-use crate::training::progress::count_seeds;
-use crate::training::{Experiment, Work, queue, seconds_until_done};
+use crate::report::Format;
+use estimate::Estimate;
 
-/// Train every arm of a study file, through its levels and on each of them from scratch.
+/// More runs than this are trained only if someone says so.
+const MANY_RUNS: usize = 10_000;
+
+/// Train every arm of a study file, through its sequences of levels and on each level from scratch.
 #[derive(Debug, Args)]
 pub struct StudyArgs {
     /// The study file [default: configs/paper.yaml, which has the paper's arms and their controls].
@@ -31,12 +31,18 @@ pub struct StudyArgs {
     /// The seeds instead: 4, or 0,2,5, or 0..10 for the ten from 0 to 9.
     #[arg(long, value_name = "SPEC", conflicts_with = "num_seeds")]
     seeds: Option<Seeds>,
-    /// Timesteps per stage and seed, for all arms [default: those of each preset, as in the paper].
+    /// Timesteps per stage and seed, for all arms and stages [default: the file's, else those of each preset].
     #[arg(long, value_name = "N")]
     timesteps: Option<u64>,
-    /// Only say what would be trained and how long it would take.
+    /// Only list what would be trained, and say how long it would take.
     #[arg(long)]
     estimate: bool,
+    /// How the list of --estimate is printed.
+    #[arg(long, value_enum, default_value_t = Format::Table, requires = "estimate")]
+    format: Format,
+    /// Train more than 10,000 runs.
+    #[arg(long)]
+    yes: bool,
     #[command(flatten)]
     launch: LaunchArgs,
 }
@@ -53,14 +59,23 @@ impl StudyArgs {
             None => Study::paper(self.timesteps)?,
         };
         let seeds = self.seeds.as_ref().map_or_else(|| (0..self.num_seeds).collect(), |seeds| seeds.0.clone());
+        let planned = study.experiments(&seeds)?;
+        let runs: usize = planned.iter().map(|(_, _, seeds)| seeds.len()).sum();
+        if runs > MANY_RUNS && !self.yes && !self.estimate {
+            let remedy = "see them with --estimate, and train them with --yes";
+            return Err(
+                UserError::new(format!("{}: {runs} runs are more than {MANY_RUNS}: {remedy}", study.name)).into()
+            );
+        }
         let out = default_out(&study.name);
-        let make = |(config, curriculum): (&Config, Curriculum)| {
-            self.launch.experiment(config.clone(), curriculum, &seeds, &out)
-        };
-        let experiments = study.experiments()?.into_iter().map(make).collect::<Result<Vec<_>>>()?;
-        self.say_what_is_left(&study, &experiments)?;
+        let make =
+            |(config, curriculum, seeds): Planned<'_>| self.launch.experiment(config.clone(), curriculum, &seeds, &out);
+        let experiments = planned.into_iter().map(make).collect::<Result<Vec<_>>>()?;
+        let engine = |config: &_| self.launch.engine(config);
+        let estimate = Estimate::new(&study.name, &experiments, self.launch.jobs(), engine)?;
+        tell(estimate.summary());
         if self.estimate {
-            return Ok(());
+            return estimate.print(self.format);
         }
         let outcomes = carry_out(&experiments, self.launch.jobs(), verbosity, |_| {})?;
         let out = self.launch.out(&out);
@@ -69,52 +84,4 @@ impl StudyArgs {
         }
         conclude(&experiments, &outcomes, Ok(()))
     }
-
-    /// Tells what is to be trained, and for how long. A short trial measures each arm's speed.
-    fn say_what_is_left(&self, study: &Study, experiments: &[Experiment]) -> Result<()> {
-        let jobs = self.launch.jobs();
-        let queue: Vec<(&Config, u64)> = queue(experiments, jobs)
-            .into_iter()
-            .map(|Work { experiment, seeds }| {
-                let experiment = &experiments[experiment];
-                (&experiment.config, seeds.iter().map(|&seed| timesteps_left(experiment, seed)).sum::<u64>())
-            })
-            .collect();
-        let mut rates = BTreeMap::new();
-        for arm in &study.arms {
-            let name = arm.config.name.as_str();
-            if queue.iter().any(|(config, left)| config.name == name && *left > 0) {
-                let rate = measure_rate(&arm.config, &study.levels[0], self.launch.engine(&arm.config)?);
-                rates.insert(name, rate);
-            }
-        }
-        // Seeds that share a thread are counted one after another, which is more than they take.
-        let seconds = queue.iter().map(|(config, left)| match rates.get(config.name.as_str()) {
-            Some(rate) => *left as f64 / rate,
-            None => 0.0,
-        });
-        let time = HumanDuration(Duration::from_secs_f64(seconds_until_done(seconds, jobs)));
-        let timesteps: u64 = queue.iter().map(|(_, left)| left).sum();
-        let rates: Vec<String> = rates.iter().map(|(name, rate)| format!("{name} {rate:.0}")).collect();
-        tell(format_args!(
-            "{}: {} experiments of {}, {timesteps} timesteps to go: about {time} on {jobs} threads (timesteps/s of \
-             one: {})",
-            study.name,
-            experiments.len(),
-            count_seeds(experiments.first().map_or(0, |experiment| experiment.seeds.len())),
-            if rates.is_empty() { "nothing is left".to_owned() } else { rates.join(", ") }
-        ));
-        Ok(())
-    }
-}
-
-/// Timesteps that a seed has still to do, of stages which it has not finished or which are to become longer.
-fn timesteps_left(experiment: &Experiment, seed: u64) -> u64 {
-    let manifest = Manifest::read(&experiment.run_path(seed)).ok().filter(|_| experiment.resume);
-    let finished = manifest.map_or_else(Vec::new, |manifest| {
-        let finished = manifest.stages.iter().take(manifest.stages_done.into());
-        finished.map(|stage| stage.timesteps).collect()
-    });
-    let done = finished.into_iter().chain(repeat(0));
-    experiment.curriculum.stages.iter().zip(done).map(|(stage, done)| stage.timesteps.saturating_sub(done)).sum()
 }

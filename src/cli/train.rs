@@ -6,7 +6,7 @@ use coverage_env::Level;
 
 use super::output::print_evaluations;
 use super::training::{TrainingArgs, carry_out, conclude};
-use crate::curriculum::Curriculum;
+use crate::experiment::Curriculum;
 use crate::messages::Verbosity;
 use crate::report::Format;
 use crate::results::Evaluation;
@@ -20,6 +20,9 @@ pub struct TrainArgs {
     /// The level: an id in levels/ or a path to a file.
     #[arg(long, value_name = "LEVEL")]
     level: String,
+    /// Timesteps per seed [default: the preset's, as in the paper].
+    #[arg(long, value_name = "N")]
+    timesteps: Option<u64>,
     /// How the final evaluation is printed.
     #[arg(long, value_enum, default_value_t = Format::Table)]
     format: Format,
@@ -31,7 +34,7 @@ impl TrainArgs {
     /// # Errors
     /// Wrong input, and seeds that failed.
     pub fn run(&self, verbosity: Verbosity) -> Result<()> {
-        let config = self.training.config()?;
+        let config = self.training.config(self.timesteps)?;
         let curriculum = Curriculum::single(Level::resolve(&self.level)?, config.shared.timesteps);
         let experiments = [self.training.experiment(config, curriculum, "train")?];
         let outcomes = carry_out(&experiments, self.training.jobs(), verbosity, |_| {})?;

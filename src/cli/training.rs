@@ -11,9 +11,9 @@ use tracing::warn;
 use super::{Seeds, is_of_user, signals};
 use crate::agent::config::{self, Config};
 use crate::agent::engine::{Device, EngineKind, NoEngine};
-use crate::curriculum::Curriculum;
 use crate::dose::Dose;
 use crate::error::{Interrupted, UserError};
+use crate::experiment::Curriculum;
 use crate::messages::{Verbosity, tell};
 use crate::run::manifest::Manifest;
 use crate::shell;
@@ -27,9 +27,6 @@ pub struct TrainingArgs {
     /// The preset: dqn, ppo, ppo-eps, ppo-l2, ppo-l2-dohare, …; not needed where --config names one.
     #[arg(long, value_name = "NAME")]
     algo: Option<String>,
-    /// Timesteps per stage and seed [default: the preset's, as in the paper].
-    #[arg(long, value_name = "N")]
-    timesteps: Option<u64>,
     /// Seeds, one run each: 4, or 0,2,5, or 0..10 for the ten from 0 to 9.
     #[arg(long, value_name = "SPEC", default_value = "0")]
     seeds: Seeds,
@@ -81,12 +78,12 @@ fn parse_minutes(text: &str) -> Result<Minutes, String> {
 }
 
 impl TrainingArgs {
-    /// The resolved settings.
+    /// The resolved settings; `timesteps` replaces those that all layers say.
     ///
     /// # Errors
     /// The first setting that cannot be taken.
-    pub fn config(&self) -> Result<Config> {
-        Ok(config::resolve(self.algo.as_deref(), self.config.as_deref(), &self.set, self.timesteps)?)
+    pub fn config(&self, timesteps: Option<u64>) -> Result<Config> {
+        Ok(config::resolve(self.algo.as_deref(), self.config.as_deref(), &self.set, timesteps)?)
     }
 
     /// The experiment that these arguments describe.

@@ -36,7 +36,7 @@ pub struct Manifest {
     pub status: Status,
     /// The arm's name.
     pub arm: String,
-    /// `curriculum` or `level-<L>`.
+    /// `curriculum`, the name of another sequence, or `level-<L>`.
     pub curriculum: String,
     /// The seed's number.
     pub seed: u64,
@@ -252,10 +252,13 @@ impl Manifest {
     /// Asks for more timesteps of the only stage, which is taken up again; schedules keep the horizon they had.
     pub(super) fn extend(&mut self, timesteps: u64) {
         for stage in &mut self.stages {
+            // A stage whose timesteps a sequence said has others than the setting, which then stays as it is.
+            if self.config.get("timesteps") == Some(&stage.timesteps.into()) {
+                self.config.insert("timesteps".to_owned(), timesteps.into());
+            }
             stage.horizon.get_or_insert(stage.timesteps);
             stage.timesteps = timesteps;
         }
-        self.config.insert("timesteps".to_owned(), timesteps.into());
         self.stages_done = 0;
         self.marks.clear();
     }

@@ -18,7 +18,7 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use crate::agent::config::Config;
 use crate::agent::engine::EngineKind;
-use crate::curriculum::Curriculum;
+use crate::experiment::Curriculum;
 use crate::run::evaluations::Row;
 use crate::run::manifest::Engine;
 use crate::run::{Plan, RunDir};

@@ -297,7 +297,7 @@ mod tests {
 
     use super::*;
     use crate::agent::engine::EngineKind;
-    use crate::curriculum::Curriculum;
+    use crate::experiment::Curriculum;
 
     const STAGE: Detail = Detail::Stages { of_those: Some((1, 1)), num: 5, mean_return: -12.34 };
 

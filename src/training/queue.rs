@@ -40,7 +40,7 @@ pub fn seconds_until_done(work: impl IntoIterator<Item = f64>, jobs: usize) -> f
 mod tests {
     use super::*;
     use crate::agent::engine::{Device, EngineKind};
-    use crate::curriculum::Curriculum;
+    use crate::experiment::Curriculum;
     use coverage_env::Level;
 
     fn levels() -> Vec<Level> {
@@ -53,7 +53,10 @@ mod tests {
         let stacked = EngineKind::Libtorch(Device::Cpu);
         let experiments = [
             experiment(Curriculum::single(levels().remove(0), 1000), EngineKind::Fused),
-            experiment(Curriculum::sequence(levels(), 600).unwrap(), stacked),
+            experiment(
+                Curriculum::sequence("two", levels().into_iter().map(|level| (level.into(), 600)).collect()).unwrap(),
+                stacked,
+            ),
             experiment(Curriculum::single(levels().remove(1), 1000), stacked),
         ];
         let queue = queue(&experiments, 2);

@@ -33,6 +33,7 @@ mod sb3_ppo;
 mod sensors;
 mod settings;
 mod stops;
+mod studies;
 mod study;
 
 use cpp_rl::agent::engine::{Engine, FusedEngine, Parts};

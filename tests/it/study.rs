@@ -33,7 +33,7 @@ fn every_run_is_what_it_is_alone() {
     let sandbox = sandbox();
     let command = "study study.yaml --seeds 0,1 --jobs 3";
     let stderr = sandbox.succeeds(command).stderr;
-    assert!(stderr.contains("tiny: 5 experiments of 2 seeds, 3072 timesteps to go"), "{stderr}");
+    assert!(stderr.contains("tiny: 10 runs of 5 experiments, 3072 timesteps to go"), "{stderr}");
     sandbox.succeeds("curriculum --config ppo.yaml --levels a.yaml,b.yaml --seeds 0,1 --out alone");
     for (algo, level) in [("ppo", "a"), ("ppo", "b"), ("dqn", "a"), ("dqn", "b")] {
         sandbox.succeeds(&format!("train --config {algo}.yaml --level {level}.yaml --seeds 0,1 --out alone"));
@@ -111,7 +111,7 @@ fn a_seed_that_fails_keeps_no_other_from_training() {
 fn an_estimate_trains_nothing() {
     let sandbox = sandbox();
     let stderr = sandbox.succeeds("study study.yaml --num-seeds 1 --jobs 3 --estimate").stderr;
-    assert!(stderr.contains("tiny: 5 experiments of 1 seed, 1536 timesteps to go: about "), "{stderr}");
+    assert!(stderr.contains("tiny: 5 runs of 5 experiments, 1536 timesteps to go: about "), "{stderr}");
     assert!(stderr.contains("on 3 threads") && stderr.contains("dqn ") && stderr.contains("ppo "), "{stderr}");
     assert!(!sandbox.path("runs").exists());
 }

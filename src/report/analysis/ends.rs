@@ -14,6 +14,8 @@ use super::run::Run;
 pub struct PlasticityEnd {
     /// The measure's column in `plasticity.csv`.
     pub measure: String,
+    /// The stage's number.
+    pub stage: u16,
     /// Index into the levels.
     pub level: usize,
     /// The last row's value, over the seeds that have finished the stage and have one.
@@ -39,7 +41,7 @@ pub(super) fn of_group(
             let runs = group.runs_on(stage, names[stage.level]);
             let seeds: BTreeMap<u64, f64> =
                 runs.into_iter().filter_map(|(seed, run)| Some((seed, last(run)?))).collect();
-            let end = |value| PlasticityEnd { measure: measure.clone(), level: stage.level, value };
+            let end = |value| PlasticityEnd { measure: measure.clone(), stage: stage.stage, level: stage.level, value };
             all.extend(OverSeeds::new(seeds, bootstrap).map(end));
         }
     }

@@ -55,14 +55,14 @@ impl<'a> Group<'a> {
         seeds.into_iter().collect()
     }
 
-    /// Its stages: those of the curriculum, or one per level trained on from scratch.
+    /// Its stages: those of the curriculum, in which a level may come again, or one per level trained on from scratch.
     pub(super) fn stages(&self, levels: &[LevelInfo]) -> Vec<ArmStage> {
         let index = |name: &str| levels.iter().position(|level| level.name == name);
         let mut stages: Vec<ArmStage> = Vec::new();
         for run in &self.runs {
             for (stage, entry) in run.manifest.stages.iter().enumerate() {
                 let Some(level) = index(&entry.level) else { continue };
-                if !stages.iter().any(|known| known.level == level) {
+                if !stages.iter().any(|known| (known.stage, known.level) == (stage as u16, level)) {
                     stages.push(ArmStage { stage: stage as u16, level, timesteps: entry.timesteps });
                 }
             }

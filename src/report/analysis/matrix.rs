@@ -14,7 +14,7 @@ use crate::results::mean_std;
 /// The matrix of returns of a curriculum.
 #[derive(Clone, Debug, Serialize)]
 pub struct Matrix {
-    /// Indices of the levels that it was evaluated on.
+    /// Indices of the levels that it was evaluated on, each once, in the order of their first stages.
     pub levels: Vec<usize>,
     /// Before the first stage, then after each.
     pub rows: Vec<MatrixRow>,
@@ -52,7 +52,12 @@ pub struct MatrixCell {
 
 impl Matrix {
     pub(super) fn new(group: &Group, levels: &[LevelInfo], stages: &[ArmStage], bootstrap: &Bootstrap) -> Self {
-        let columns: Vec<usize> = stages.iter().map(|stage| stage.level).collect();
+        let mut columns: Vec<usize> = Vec::new();
+        for stage in stages {
+            if !columns.contains(&stage.level) {
+                columns.push(stage.level);
+            }
+        }
         let row = |after: Option<ArmStage>| MatrixRow {
             after,
             cells: columns

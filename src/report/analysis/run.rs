@@ -9,12 +9,10 @@ use serde::Serialize;
 use super::found::Found;
 use super::levels::LevelInfo;
 use super::logs::Logs;
+use crate::experiment::curriculum::LEVEL;
 use crate::results::{Episode, LevelResult};
 use crate::run::evaluations::{self, Phase, Row};
 use crate::run::manifest::{Manifest, Status, Versions};
-
-/// The folder of runs through a whole curriculum; others hold runs on one level from scratch.
-const CURRICULUM: &str = "curriculum";
 
 /// How an arm's runs meet their levels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -58,7 +56,8 @@ impl Run {
         // What a killed process evaluated after its last finished stage is cut back on resume, and no result.
         let mut rows = evaluations::read(&path)?;
         rows.retain(|row| row.phase == Phase::Before || row.stage < manifest.stages_done);
-        let protocol = if manifest.curriculum == CURRICULUM { Protocol::Curriculum } else { Protocol::FromScratch };
+        let protocol =
+            if manifest.curriculum.starts_with(LEVEL) { Protocol::FromScratch } else { Protocol::Curriculum };
         let logs = Logs::read(&path, &manifest.stages, levels)?;
         Ok(Self { evaluations: reduce(rows, levels), logs, protocol, path, manifest })
     }

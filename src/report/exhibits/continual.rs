@@ -144,7 +144,7 @@ impl Continual {
 impl Measured {
     fn new(analysis: &Analysis, arm: usize, matrix: &Matrix) -> Option<Self> {
         let matrices = seed_matrices(matrix);
-        let stages = matrix.levels.len();
+        let stages = matrix.rows.len().saturating_sub(1);
         let over_seeds = |of: &dyn Fn(&ReturnMatrix) -> Option<f64>| {
             let seeds = matrices.iter().filter_map(|(&seed, returns)| Some((seed, of(returns)?))).collect();
             OverSeeds::new(seeds, &analysis.conventions.bootstrap)
@@ -172,15 +172,19 @@ impl Measured {
     }
 }
 
-/// The whole normalised matrices, by seed.
+/// The whole normalised matrices, by seed: a column per stage, so that a level that comes again has several.
 fn seed_matrices(matrix: &Matrix) -> BTreeMap<u64, ReturnMatrix> {
     let Some((before, after)) = matrix.rows.split_first() else { return BTreeMap::new() };
+    let of_stage = |row: &MatrixRow| matrix.levels.iter().position(|level| Some(*level) == row.after.map(|s| s.level));
+    let Some(columns) = after.iter().map(of_stage).collect::<Option<Vec<usize>>>() else { return BTreeMap::new() };
     let last = after.last().and_then(|row| row.cells.first()?.as_ref());
     let of_seed = |&seed: &u64| {
         let row = |row: &MatrixRow| -> Option<Vec<f64>> {
-            row.cells.iter().map(|cell| cell.as_ref()?.normalised_seeds.get(&seed).copied()).collect()
+            let cell = |&column: &usize| row.cells[column].as_ref()?.normalised_seeds.get(&seed).copied();
+            columns.iter().map(cell).collect()
         };
-        Some((seed, ReturnMatrix::new(row(before)?, after.iter().map(row).collect::<Option<_>>()?)))
+        let returns = ReturnMatrix::new(row(before)?, after.iter().map(row).collect::<Option<_>>()?);
+        Some((seed, returns.of_tasks(&columns)))
     };
     last.into_iter().flat_map(|cell| cell.seeds.keys()).filter_map(of_seed).collect()
 }

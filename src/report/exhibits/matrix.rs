@@ -1,7 +1,5 @@
 //! Returns on every level after every stage: what is left of earlier levels, and what is there of later ones.
 
-use std::cmp::Ordering;
-
 use charts::{About, Axis, HeatMap, HeatPanel, Layout, Width};
 
 use super::exhibit::{Exhibit, NamedFigure, NamedTable};
@@ -98,10 +96,10 @@ pub fn after_stage_of_arm(analysis: &Analysis, arm: &Arm, stage: u16) -> Option<
     let matrix = arm.matrix.as_ref()?;
     let row = matrix.rows.iter().find(|row| row.after.is_some_and(|after| after.stage == stage))?;
     let last = row.after?;
-    let trained = |level: usize| match arm.stages.iter().find(|s| s.level == level).map(|s| s.stage.cmp(&stage)) {
-        Some(Ordering::Equal) => "last",
-        Some(Ordering::Less) => "earlier",
-        _ => "not yet",
+    let trained = |level: usize| match arm.stages.iter().rfind(|s| s.level == level && s.stage <= stage) {
+        Some(last) if last.stage == stage => "last",
+        Some(_) => "earlier",
+        None => "not yet",
     };
     let means: Vec<Option<Mean>> = row.cells.iter().map(|cell| cell.as_ref().map(Mean::from)).collect();
     let (spread, seeds) = (Spread::of(means.iter()), most_seeds(means.iter()));

@@ -80,7 +80,7 @@ impl Exhibit for Learning {
 /// The learning curve of an arm over the levels that it has in common with `timeline`.
 fn along(timeline: &Timeline, arm: &Arm, curve: &mut Curve, y: impl Fn(usize, f64) -> f64) {
     for stage in &arm.curves {
-        if let Some(x) = timeline.place(arm, stage.level) {
+        if let Some(x) = timeline.place(arm, stage.stage, stage.level) {
             Track::from(stage).append(curve, Seeds::Shown, x, |value| y(stage.level, value));
         }
     }
@@ -128,7 +128,7 @@ fn others<'a>(analysis: &'a Analysis, arm: &Arm, timeline: &Timeline) -> (Vec<Cu
     let of_source = |(place, source): (usize, &'a str)| {
         let mut curve = Curve { thin: true, ..Curve::new(source, style::foreign(place)) };
         for stage in &arm.stages {
-            let x = timeline.place(arm, stage.level)?;
+            let x = timeline.place(arm, stage.stage, stage.level)?;
             for other in foreign::beside(analysis, &[arm], stage.level).into_iter().filter(|c| c.source == source) {
                 append(&mut curve, other, &x);
             }

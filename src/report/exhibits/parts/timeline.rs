@@ -14,6 +14,8 @@ pub struct Timeline {
 
 struct Slot {
     level: usize,
+    /// How many stages on the level came before.
+    visit: usize,
     from: f64,
     length: f64,
 }
@@ -39,26 +41,24 @@ impl Timeline {
         };
         let in_timesteps = levels.iter().all(|&level| planned(level).windows(2).all(|pair| pair[0] == pair[1]));
         let mut from = 0.0;
-        let slot = |&level: &usize| {
+        let slot = |(index, &level): (usize, &usize)| {
+            let visit = levels[..index].iter().filter(|earlier| **earlier == level).count();
             let longest = arms.iter().filter_map(|arm| trained_for(arm, level)).fold(0.0, f64::max);
-            let slot = Slot { level, from, length: if in_timesteps { longest } else { 1.0 } };
+            let slot = Slot { level, visit, from, length: if in_timesteps { longest } else { 1.0 } };
             from += slot.length;
             slot
         };
-        Self { slots: levels.iter().map(slot).collect(), in_timesteps }
+        Self { slots: levels.iter().enumerate().map(slot).collect(), in_timesteps }
     }
 
-    /// Maps timesteps of an arm on a level to x; none where the level has no place.
-    pub fn place(&self, arm: &Arm, level: usize) -> Option<impl Fn(f64) -> f64 + use<>> {
-        let slot = self.slots.iter().find(|slot| slot.level == level)?;
+    /// Maps timesteps of an arm's stage on a level to x; none where the stage has no place. An arm's second stage on a
+    /// level has that of the level's second.
+    pub fn place(&self, arm: &Arm, stage: u16, level: usize) -> Option<impl Fn(f64) -> f64 + use<>> {
+        let visit = arm.stages.iter().filter(|earlier| earlier.level == level && earlier.stage < stage).count();
+        let slot = self.slots.iter().find(|slot| (slot.level, slot.visit) == (level, visit))?;
         let scale = if self.in_timesteps { 1.0 } else { trained_for(arm, level)?.max(1.0) };
         let from = slot.from;
         Some(move |timesteps: f64| from + timesteps / scale)
-    }
-
-    /// Its levels, in order.
-    pub fn levels(&self) -> impl Iterator<Item = usize> {
-        self.slots.iter().map(|slot| slot.level)
     }
 
     /// What x is.

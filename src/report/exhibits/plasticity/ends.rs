@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::super::parts::notes::{columns, interval_note};
 use super::panels::PREFIX;
-use crate::report::analysis::{Analysis, Arm, OverSeeds, Pair, PlasticityEnd};
+use crate::report::analysis::{Analysis, Arm, ArmStage, OverSeeds, Pair, PlasticityEnd};
 use crate::report::table::{Cell, Table};
 
 /// What every one of these tables says.
@@ -57,12 +57,13 @@ fn table(analysis: &Analysis, arm: usize, title: String, ends: &[PlasticityEnd])
     measures.dedup();
     let most = ends.iter().map(|end| end.value.seeds.len()).max().unwrap_or(0);
     let row = |measure: &str| {
-        let cell = |level: usize| {
-            let end = ends.iter().find(|end| end.measure == measure && end.level == level)?;
+        let cell = |stage: &ArmStage| {
+            let is_of_stage = |end: &&PlasticityEnd| (end.stage, end.level) == (stage.stage, stage.level);
+            let end = ends.iter().filter(is_of_stage).find(|end| end.measure == measure)?;
             let estimate = &end.value.mean;
             Some(Cell::estimate(estimate, decimals(estimate)).of_seeds(estimate.runs, most))
         };
-        let cells = stages.iter().map(|stage| cell(stage.level).unwrap_or(Cell::Missing));
+        let cells = stages.iter().map(|stage| cell(stage).unwrap_or(Cell::Missing));
         [measure.strip_prefix(PREFIX).unwrap_or(measure).into()].into_iter().chain(cells).collect()
     };
     let seeds = if most == 1 { "1 seed".to_owned() } else { format!("{most} seeds") };

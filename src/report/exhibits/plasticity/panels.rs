@@ -8,7 +8,7 @@ use super::super::parts::caption;
 use super::super::parts::style::{short_name, style};
 use super::super::parts::timeline::Timeline;
 use super::super::parts::track::{Seeds, Track};
-use crate::report::analysis::{Analysis, Arm};
+use crate::report::analysis::{Analysis, Arm, PlasticitySeries};
 
 /// What the columns of measures begin with.
 pub(super) const PREFIX: &str = "plasticity/";
@@ -84,12 +84,12 @@ pub(super) fn panel(
     let curve = |line: &Line| {
         let mut curve = Curve::new(line.name.as_str(), line.style);
         let column = column(line)?;
-        let of_column =
-            |level: usize| line.arm.plasticity.iter().find(|series| series.level == level && series.measure == column);
-        for level in timeline.levels() {
-            if let Some((series, x)) = of_column(level).zip(timeline.place(line.arm, level)) {
-                Track::from(series).append(&mut curve, seeds, x, |value| value);
-            }
+        let of_column = line.arm.plasticity.iter().filter(|series| series.measure == column);
+        let place = |series: &'_ PlasticitySeries| timeline.place(line.arm, series.stage, series.level);
+        let mut placed: Vec<_> = of_column.filter_map(|series| Some((series, place(series)?))).collect();
+        placed.sort_by(|(_, x), (_, other)| x(0.0).total_cmp(&other(0.0)));
+        for (series, x) in placed {
+            Track::from(series).append(&mut curve, seeds, x, |value| value);
         }
         (!curve.centre.is_empty()).then_some(curve)
     };
