@@ -55,6 +55,11 @@ impl Config {
         Self { name: algorithm.name().to_owned(), shared, mitigations: Mitigations::new(&[]), algorithm }
     }
 
+    /// The defaults of the algorithm of this name.
+    pub fn defaults(algorithm: &str) -> Option<Self> {
+        registry::by_name(algorithm).map(Self::new)
+    }
+
     /// Takes settings that a manifest recorded, of this version or an earlier one.
     ///
     /// # Errors

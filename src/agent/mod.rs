@@ -4,6 +4,7 @@ pub mod algorithm;
 pub mod config;
 pub mod dqn;
 pub mod engine;
+pub mod keys;
 pub mod mitigation;
 pub mod network;
 pub mod optimizer;

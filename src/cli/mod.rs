@@ -2,6 +2,7 @@
 
 pub mod baseline;
 pub mod compare;
+pub mod config;
 pub mod curriculum;
 pub mod eval;
 pub mod levels;
@@ -101,6 +102,8 @@ pub enum Command {
     Compare(compare::CompareArgs),
     /// List, show, check, generate or draw levels.
     Levels(levels::LevelsArgs),
+    /// List settings, show resolved ones, or compare presets, files and runs.
+    Config(config::ConfigArgs),
 }
 
 /// Where the episodes of an evaluation start.

@@ -58,6 +58,7 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Runs(args) => args.run(),
         Command::Compare(args) => args.run(),
         Command::Levels(args) => args.run(),
+        Command::Config(args) => args.run(),
     }
 }
 

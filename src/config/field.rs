@@ -13,6 +13,8 @@ pub trait Field {
     fn set(&mut self, value: &Value) -> Result<(), String>;
     /// The value as it is written.
     fn get(&self) -> Value;
+    /// What is allowed, in words that follow "expected".
+    fn allowed(&self) -> String;
 }
 
 /// A setting with a closed list of values.
@@ -42,12 +44,16 @@ where
 impl<T: Copy + TryFrom<u64> + TryInto<u64>> Field for Integer<'_, T> {
     fn set(&mut self, value: &Value) -> Result<(), String> {
         let taken = whole(value).filter(|v| self.range.contains(v)).and_then(|v| T::try_from(v).ok());
-        *self.place = taken.ok_or_else(|| within("an integer", &self.range))?;
+        *self.place = taken.ok_or_else(|| self.allowed())?;
         Ok(())
     }
 
     fn get(&self) -> Value {
         (*self.place).try_into().map_or(Value::Null, Value::from)
+    }
+
+    fn allowed(&self) -> String {
+        within("an integer", &self.range)
     }
 }
 
@@ -98,12 +104,16 @@ pub fn at_least(place: &mut f64, least: f64) -> impl Field + '_ {
 impl Field for Float<'_> {
     fn set(&mut self, value: &Value) -> Result<(), String> {
         let taken = value.as_f64().filter(|&v| v.is_finite() && (self.allows)(v));
-        *self.place = taken.ok_or_else(|| self.allowed.clone())?;
+        *self.place = taken.ok_or_else(|| self.allowed())?;
         Ok(())
     }
 
     fn get(&self) -> Value {
         (*self.place).into()
+    }
+
+    fn allowed(&self) -> String {
+        self.allowed.clone()
     }
 }
 
@@ -116,12 +126,16 @@ pub fn flag(place: &mut bool) -> impl Field + '_ {
 
 impl Field for Flag<'_> {
     fn set(&mut self, value: &Value) -> Result<(), String> {
-        *self.0 = value.as_bool().ok_or("true or false")?;
+        *self.0 = value.as_bool().ok_or_else(|| self.allowed())?;
         Ok(())
     }
 
     fn get(&self) -> Value {
         (*self.0).into()
+    }
+
+    fn allowed(&self) -> String {
+        "true or false".to_owned()
     }
 }
 
@@ -144,15 +158,17 @@ pub fn one_of<'a, T: Copy>(place: &'a mut T, known: &[T], name: fn(T) -> &'stati
 impl<T: Copy> Field for OneOf<'_, T> {
     fn set(&mut self, value: &Value) -> Result<(), String> {
         let named = value.as_str().and_then(|s| self.known.iter().find(|known| (self.name)(**known) == s));
-        *self.place = *named.ok_or_else(|| {
-            let names: Vec<&str> = self.known.iter().map(|known| (self.name)(*known)).collect();
-            format!("one of {}", names.join(", "))
-        })?;
+        *self.place = *named.ok_or_else(|| self.allowed())?;
         Ok(())
     }
 
     fn get(&self) -> Value {
         (self.name)(*self.place).into()
+    }
+
+    fn allowed(&self) -> String {
+        let names: Vec<&str> = self.known.iter().map(|known| (self.name)(*known)).collect();
+        format!("one of {}", names.join(", "))
     }
 }
 
@@ -173,15 +189,17 @@ impl Field for List<'_> {
             let entry = |v| whole(v).filter(|v| self.each.contains(v)).and_then(|v| usize::try_from(v).ok());
             list.iter().map(entry).collect::<Option<Vec<usize>>>()
         });
-        *self.place = taken.ok_or_else(|| {
-            let entries = within("integers", &self.each);
-            format!("a list of {} to {} {entries}, such as [64, 64]", self.length.start(), self.length.end())
-        })?;
+        *self.place = taken.ok_or_else(|| self.allowed())?;
         Ok(())
     }
 
     fn get(&self) -> Value {
         self.place.clone().into()
+    }
+
+    fn allowed(&self) -> String {
+        let entries = within("integers", &self.each);
+        format!("a list of {} to {} {entries}, such as [64, 64]", self.length.start(), self.length.end())
     }
 }
 
@@ -202,13 +220,18 @@ impl Field for Names<'_> {
             list.iter().map(name).collect::<Option<Vec<&'static str>>>()
         });
         let differ = |list: &Vec<&str>| list.iter().enumerate().all(|(i, name)| !list[..i].contains(name));
-        let allowed =
-            || format!("a list of different names out of {}, such as [{}]", self.known.join(", "), self.known[0]);
-        *self.place = taken.filter(differ).ok_or_else(allowed)?;
+        *self.place = taken.filter(differ).ok_or_else(|| self.allowed())?;
         Ok(())
     }
 
     fn get(&self) -> Value {
         self.place.clone().into()
+    }
+
+    fn allowed(&self) -> String {
+        match self.known.first() {
+            Some(example) => format!("a list of different names out of {}, such as [{example}]", self.known.join(", ")),
+            None => "an empty list: there is nothing to name".to_owned(),
+        }
     }
 }

@@ -152,7 +152,7 @@ fn models() {
 #[test]
 fn help_and_version_succeed() {
     let sandbox = Sandbox::new();
-    let commands = ["train", "curriculum", "study", "eval", "baseline", "runs", "compare", "levels"];
+    let commands = ["train", "curriculum", "study", "eval", "baseline", "runs", "compare", "levels", "config"];
     let help = sandbox.succeeds("--help").stdout;
     for command in commands {
         assert!(help.contains(command));

@@ -8,6 +8,7 @@ mod analysis_of_logs;
 mod arbitrary;
 mod beside;
 mod command_line;
+mod config_command;
 mod dqn_schedule;
 mod fakes;
 mod faults;

@@ -1,0 +1,61 @@
+//! `cpp-rl config`.
+
+use serde_json::{Value, json};
+
+use crate::sandbox::Sandbox;
+
+#[test]
+fn keys_are_listed_with_what_they_can_be() {
+    let sandbox = Sandbox::new();
+    let keys = sandbox.json("config keys");
+    let key = |name: &str, by: &str| {
+        let same = |key: &&Value| key["key"] == name && key["declared_by"] == by;
+        keys.as_array().expect("a list").iter().find(same).unwrap_or_else(|| panic!("{name} of {by}")).clone()
+    };
+    let timesteps = key("timesteps", "common");
+    assert_eq!(timesteps["defaults"], json!({ "ppo": 500_000, "dqn": 1_000_000 }));
+    assert_eq!(timesteps["allowed"], "an integer from 1 to 1000000000000");
+    assert_eq!(key("clip_range", "ppo")["allowed"], "a number above 0");
+    assert_eq!(key("l2", "mitigation l2")["allowed"], "one of none, adamw, adam, loss");
+    let table = sandbox.succeeds("config keys").stdout;
+    assert!(table.contains("ppo: 500000, dqn: 1000000"), "{table}");
+    // What is refused says the same.
+    let error = sandbox.fails(2, "train --algo ppo --level 0 --set timesteps=0");
+    assert!(error.contains("expected an integer from 1 to 1000000000000"), "{error}");
+
+    let of_preset = sandbox.json("config keys --algo ppo-l2");
+    let of_preset = of_preset.as_array().expect("a list");
+    assert!(of_preset.iter().all(|key| key["declared_by"] != "dqn"));
+    let coefficient = of_preset.iter().find(|key| key["key"] == "l2_coef").expect("a key");
+    assert_eq!(coefficient["defaults"], json!({ "ppo-l2": 1e-4 }));
+    assert!(sandbox.fails(2, "config keys --algo pop").contains("did you mean \"ppo\"?"));
+}
+
+#[test]
+fn what_is_shown_is_taken_back() {
+    let sandbox = Sandbox::new();
+    let shown = sandbox.succeeds("config show --config ppo.yaml --set gamma=0.5").stdout;
+    assert!(shown.contains("name: \"ppo\"") && shown.contains("gamma: 0.5"), "{shown}");
+    sandbox.write("again.yaml", &shown);
+    assert_eq!(sandbox.succeeds("config show --config again.yaml").stdout, shown);
+    assert!(sandbox.fails(2, "config show --algo ppo --set gama=1").contains("did you mean \"gamma\"?"));
+}
+
+#[test]
+fn presets_files_and_runs_are_compared() {
+    let sandbox = Sandbox::new();
+    let keys = |difference: &Value| -> Vec<String> {
+        let list = difference["differences"].as_array().expect("a list");
+        list.iter().map(|entry| entry["key"].as_str().expect("a key").to_owned()).collect()
+    };
+    let presets = sandbox.json("config diff ppo ppo-l2");
+    assert_eq!(keys(&presets), ["name", "adam_eps", "l2", "l2_coef"]);
+    sandbox.succeeds("train --config ppo.yaml --level a.yaml --set gamma=0.5");
+    let run = "runs/train/ppo/level-a/seed-0";
+    let difference = sandbox.json(&format!("config diff ppo.yaml {run}"));
+    assert_eq!(difference["differences"], json!([{ "key": "gamma", "a": 0.99, "b": 0.5 }]));
+    let table = sandbox.succeeds(&format!("config diff ppo.yaml {run}")).stdout;
+    assert!(table.contains("gamma") && table.contains("0.99") && !table.contains("num_envs"), "{table}");
+    assert_eq!(sandbox.succeeds("config diff ppo ppo").stdout, "no setting differs\n");
+    assert!(sandbox.fails(2, "config diff ppo nothing").contains("nothing: no preset, no file and no run's directory"));
+}
