@@ -3,8 +3,8 @@
 use std::cmp::Reverse;
 use std::sync::Arc;
 
-use coverage_env::Level;
 use coverage_env::planner::{self, AStar, Optimal, Random};
+use coverage_env::{Level, worst_return};
 use serde::Serialize;
 
 use super::found::Found;
@@ -20,7 +20,7 @@ pub struct LevelInfo {
     pub name: String,
     /// Its map, rows joined by newlines.
     pub map: String,
-    /// The step limit, and so the negated worst return.
+    /// The step limit.
     pub max_steps: u32,
     /// Uniform actions; none where the map cannot be read.
     pub random: Option<Planner>,
@@ -87,11 +87,10 @@ impl LevelInfo {
         self
     }
 
-    /// (R + max_steps) / (R_opt + max_steps): 0 for the worst return, 1 for the mean optimum; none where that is
-    /// unknown.
+    /// (R − R_worst) / (R_opt − R_worst): 0 for the worst return, 1 for the mean optimum; none where that is unknown.
     pub fn normalised(&self, mean_return: f64) -> Option<f64> {
-        let worst = f64::from(self.max_steps);
-        self.optimal.as_ref().map(|optimal| (mean_return + worst) / (optimal.mean + worst))
+        let worst = worst_return(self.max_steps) as f64;
+        self.optimal.as_ref().map(|optimal| (mean_return - worst) / (optimal.mean - worst))
     }
 }
 

@@ -4,7 +4,7 @@ use rl_stats::Estimate;
 use serde::Serialize;
 
 use super::super::parts::notes::{columns, interval_note};
-use super::panels::PREFIX;
+use crate::measure::PREFIX;
 use crate::report::analysis::{Analysis, Arm, ArmStage, OverSeeds, Pair, PlasticityEnd};
 use crate::report::table::{Cell, Table};
 

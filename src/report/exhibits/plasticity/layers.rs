@@ -9,7 +9,8 @@ use super::super::parts::caption;
 use super::super::parts::curves::by_sequence;
 use super::super::parts::style::arms_of;
 use super::super::parts::timeline::{Timeline, levels_of};
-use super::panels::{HIDDEN, Line, PREFIX, WEIGHTS, chart, layer_order, layers, logged, of_seeds, panel, panels};
+use super::panels::{HIDDEN, Line, WEIGHTS, chart, layer_order, layers, logged, of_seeds, panel, panels};
+use crate::measure::PREFIX;
 use crate::report::analysis::{Analysis, Arm, Protocol};
 use crate::report::names::file_name;
 

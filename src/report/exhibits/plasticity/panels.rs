@@ -8,29 +8,12 @@ use super::super::parts::caption;
 use super::super::parts::style::{short_name, style};
 use super::super::parts::timeline::Timeline;
 use super::super::parts::track::{Seeds, Track};
+use crate::measure::{self, Measure, PREFIX, catalogue};
 use crate::report::analysis::{Analysis, Arm, PlasticitySeries};
 
-/// What the columns of measures begin with.
-pub(super) const PREFIX: &str = "plasticity/";
 /// What a hidden layer has and an output layer has not.
 pub(super) const HIDDEN: &str = "effective_rank";
 pub(super) const WEIGHTS: &str = "weight_magnitude";
-
-/// The measures of a layer, and of all parameters, with the titles of their panels, in order.
-const TITLES: [(&str, &str); 12] = [
-    ("dormant_0.1", "dormant units, τ = 0.1 (share)"),
-    ("dormant_0.025", "dormant units, τ = 0.025 (share)"),
-    ("dead_units", "dead units (share; ReLU)"),
-    ("saturated_units", "saturated units (share; tanh)"),
-    ("saturated_activations", "saturated activations (share; tanh)"),
-    ("effective_rank", "effective rank"),
-    ("stable_rank", "stable rank"),
-    ("rank_99", "singular values for 99%"),
-    (WEIGHTS, "mean weight magnitude"),
-    ("grad_norm", "gradient norm before clipping"),
-    ("update_norm", "update norm"),
-    ("policy_churn", "policy churn (share of states)"),
-];
 
 /// The layer, if it is of one, and the name of a measure by its column.
 pub(super) fn parse(column: &str) -> (Option<&str>, &str) {
@@ -100,25 +83,36 @@ pub(super) fn panel(
 
 /// A panel per measure of these lines: of all parameters if `whole`, and of each line's layer.
 pub(super) fn panels(analysis: &Analysis, timeline: &Timeline, lines: &[Line], whole: bool) -> Vec<CurvePanel> {
-    let mut measures: BTreeSet<&str> = BTreeSet::new();
+    let mut measures: BTreeSet<(Place, &str)> = BTreeSet::new();
     for line in lines {
-        let shown = line.arm.plasticity.iter().map(|series| parse(&series.measure));
-        let shown = shown.filter(|(layer, _)| if layer.is_some() { *layer == line.layer } else { whole });
-        measures.extend(shown.map(|(_, name)| name));
+        let columns = line.arm.plasticity.iter().map(|series| series.measure.as_str());
+        let is_shown = |column: &&str| parse(column).0.map_or(whole, |layer| line.layer == Some(layer));
+        measures.extend(columns.filter(is_shown).map(|column| (Place::of(column), parse(column).1)));
     }
-    // What has no title here goes by its own name, after all that have one.
-    let order = |name: &str| TITLES.iter().position(|(known, _)| *known == name).unwrap_or(TITLES.len());
-    let mut measures: Vec<&str> = measures.into_iter().collect();
-    measures.sort_by_key(|name| (order(name), *name));
-    let of_measure = |name: &str| {
-        let title = TITLES.get(order(name)).map_or(name, |(_, title)| title).to_owned();
-        panel(analysis, timeline, lines, title, |line| {
+    let of_measure = |(place, name): (Place, &str)| {
+        panel(analysis, timeline, lines, place.title().unwrap_or_else(|| name.to_owned()), |line| {
             let of_layer = line.layer.map(|layer| format!("{PREFIX}{layer}/{name}"));
             let logged = |column: &String| line.arm.plasticity.iter().any(|series| series.measure == *column);
             of_layer.filter(logged).or_else(|| whole.then(|| format!("{PREFIX}{name}")))
         })
     };
     measures.into_iter().filter_map(of_measure).collect()
+}
+
+/// A measure's place in the catalogue; what the catalogue does not know comes after all that it does.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Place(usize);
+
+impl Place {
+    fn of(column: &str) -> Self {
+        let known = |measure: &Measure| catalogue().position(|other| other.name == measure.name);
+        Self(measure::find(column).and_then(|(_, measure)| known(measure)).unwrap_or(usize::MAX))
+    }
+
+    /// What the catalogue calls it.
+    fn title(self) -> Option<String> {
+        catalogue().nth(self.0).map(Measure::label)
+    }
 }
 
 pub(super) fn chart(timeline: &Timeline, about: About, panels: Vec<CurvePanel>) -> charts::Drawing {
