@@ -1,12 +1,12 @@
 //! How often intervals hold what they are of: the share of simulated studies, for several numbers of runs.
 //!
-//! `cargo run --release --package rl-stats --example coverage` prints the table of docs/metrics.md. `width` is the median
-//! width of the studentised interval, as a multiple of Student's.
+//! `cargo run --release --package rl-stats --example coverage` prints the table of docs/metrics.md. `in reports` is
+//! `interval_of_mean`; `width` is its median width, as a multiple of Student's.
 
 use chacha20::ChaCha8Rng;
 use rand::{Rng, SeedableRng};
 use rl_stats::aggregate::mean;
-use rl_stats::few::{mean_interval, prediction_interval, studentised_interval};
+use rl_stats::few::{interval_of_mean, mean_interval, prediction_interval, studentised_interval};
 use rl_stats::{Bootstrap, Interval, quantile};
 
 /// A kind of draws: its name, expectation and a draw.
@@ -22,12 +22,12 @@ fn main() {
         ("log-normal, σ = 0.5", 0.125_f64.exp(), |draws| (0.5 * draws.normal()).exp()),
         ("log-normal, σ = 1", 0.5_f64.exp(), |draws| draws.normal().exp()),
     ];
-    println!("| draws | n | percentile | Student's t | studentised | width | prediction of a new run |");
-    println!("|---|---|---|---|---|---|---|");
+    println!("| draws | n | percentile | Student's t | studentised | in reports | width | prediction of a new run |");
+    println!("|---|---|---|---|---|---|---|---|");
     for (name, expectation, draw) in kinds {
-        for n in [5, 10, 20] {
+        for n in [3, 4, 5, 10, 20] {
             let mut draws = Draws(ChaCha8Rng::seed_from_u64(n as u64));
-            let mut held = [0_u32; 4];
+            let mut held = [0_u32; 5];
             let mut widths = Vec::new();
             for seed in 0..STUDIES {
                 let values: Vec<f64> = (0..n).map(|_| draw(&mut draws)).collect();
@@ -38,20 +38,21 @@ fn main() {
                     (percentile, expectation),
                     (mean_interval(&values, 0.95), expectation),
                     (studentised_interval(&bootstrap, &values), expectation),
+                    (interval_of_mean(&bootstrap, &values), expectation),
                     (prediction_interval(&values, 0.95), new),
                 ];
                 let intervals = intervals.map(|(interval, value)| (interval.expect("several finite values"), value));
                 for (count, (Interval { low, high }, value)) in held.iter_mut().zip(intervals) {
                     *count += u32::from((low..=high).contains(&value));
                 }
-                let [_, student, studentised, _] = intervals.map(|(Interval { low, high }, _)| high - low);
-                widths.push(studentised / student);
+                let [_, student, _, chosen, _] = intervals.map(|(Interval { low, high }, _)| high - low);
+                widths.push(chosen / student);
             }
             widths.sort_unstable_by(f64::total_cmp);
             let width = quantile(&widths, 0.5);
-            let [percentile, student, studentised, new] =
+            let [percentile, student, studentised, chosen, new] =
                 held.map(|count| format!("{:.1}%", 100.0 * f64::from(count) / STUDIES as f64));
-            println!("| {name} | {n} | {percentile} | {student} | {studentised} | {width:.2} | {new} |");
+            println!("| {name} | {n} | {percentile} | {student} | {studentised} | {chosen} | {width:.2} | {new} |");
         }
     }
 }

@@ -75,6 +75,30 @@ impl Bootstrap {
         Estimate { value, interval, runs }
     }
 
+    /// The statistic with its interval, seeds being resampled whole: `scores[task][seed]`, and a seed that is drawn
+    /// brings its scores on all tasks.
+    ///
+    /// # Panics
+    /// If the tasks have not the same number of seeds.
+    pub fn estimate_whole(&self, scores: &[Vec<f64>], statistic: impl Fn(&[Vec<f64>]) -> f64) -> Estimate {
+        let runs = scores.first().map_or(0, Vec::len);
+        assert!(scores.iter().all(|task| task.len() == runs), "every seed has a score on every task");
+        let value = statistic(scores);
+        let interval = (runs > 1 && value.is_finite()).then(|| {
+            let mut resampled = scores.to_vec();
+            let draws = Resamples::draw(&[runs], self.resamples, self.seed);
+            let of_draw = |drawn: &[u32]| {
+                for (into, from) in resampled.iter_mut().zip(scores) {
+                    into.iter_mut().zip(drawn).for_each(|(score, &seed)| *score = from[seed as usize]);
+                }
+                statistic(&resampled)
+            };
+            let mut distribution: Vec<f64> = draws.indices.chunks(runs).map(of_draw).collect();
+            percentile_interval(&mut distribution, self.confidence)
+        });
+        Estimate { value, interval, runs }
+    }
+
     /// The draws for scores of this shape.
     pub fn resamples(&self, scores: &[Vec<f64>]) -> Resamples {
         let sizes: Vec<usize> = scores.iter().map(Vec::len).collect();
@@ -111,6 +135,25 @@ impl Resamples {
             }
         }
         Ok(Self { sizes: sizes.to_vec(), indices: flat })
+    }
+
+    /// A statistic of every resample of one task's values, in order.
+    ///
+    /// # Panics
+    /// If the draws are not for one task of so many runs.
+    pub(crate) fn of_one(&self, values: &[f64], statistic: impl Fn(&[f64]) -> f64) -> Vec<f64> {
+        assert_eq!(self.sizes, [values.len()], "indices of another shape");
+        let mut resampled = values.to_vec();
+        let of_resample = |indices: &[u32]| {
+            resampled.iter_mut().zip(indices).for_each(|(value, &run)| *value = values[run as usize]);
+            statistic(&resampled)
+        };
+        self.indices.chunks(values.len().max(1)).map(of_resample).collect()
+    }
+
+    /// The mean of every resample of one task's values.
+    pub(crate) fn means(&self, values: &[f64]) -> Vec<f64> {
+        self.of_one(values, |resample| crate::aggregate::mean_of(resample.iter().copied()))
     }
 
     /// The statistic of every resample, in order.
@@ -175,6 +218,17 @@ mod tests {
         assert_eq!(sums.len(), 500);
         assert_eq!(resamples, Resamples::draw(&[3, 2], 500, 7));
         assert_ne!(resamples, Resamples::draw(&[3, 2], 500, 8));
+    }
+
+    #[test]
+    fn seeds_that_are_resampled_whole_keep_their_scores_together() {
+        // Each seed earns 1 on one of the two tasks, so that its mean is always the same.
+        let scores = [vec![1.0, 0.0, 1.0, 0.0], vec![0.0, 1.0, 0.0, 1.0]];
+        let bootstrap = Bootstrap::default();
+        let whole = bootstrap.estimate_whole(&scores, mean);
+        assert_eq!((whole.value, whole.interval, whole.runs), (0.5, Some(Interval { low: 0.5, high: 0.5 }), 4));
+        assert!(bootstrap.estimate(&scores, mean).interval.is_some_and(|interval| interval.low < 0.3));
+        assert_eq!(bootstrap.estimate_whole(&[vec![1.0], vec![0.0]], mean).interval, None);
     }
 
     #[test]

@@ -1,10 +1,49 @@
 //! Intervals for few runs: fewer than 30 or so, where percentile intervals promise too much.
 //!
 //! [`mean_interval`] is Student's: exact for the mean of normal values. [`studentised_interval`] keeps its promise for
-//! skewed values, too, and is wider for it. [`prediction_interval`] tells where one new run may fall. docs/metrics.md has
-//! the coverage of all of them, which `cargo run --release --package rl-stats --example coverage` simulates.
+//! skewed values, too, and is wider for it. [`interval_of_mean`] chooses by the number of values.
+//! [`prediction_interval`] tells where one new run may fall. docs/metrics.md has the coverage of all of them, which
+//! `cargo run --release --package rl-stats --example coverage` simulates.
 
+use crate::bootstrap::percentile_interval;
 use crate::{Bootstrap, Interval, Resamples, quantile};
+
+/// With fewer values than this, percentile intervals promise too much.
+pub const FEW: usize = 30;
+/// With fewer values than this, studentised intervals have infinite bounds.
+pub const LEAST_STUDENTISED: usize = 4;
+/// A bound of [`interval_of_mean`] is at most so many times as far from the mean as Student's.
+///
+/// Where values tie, many resamples have next to no deviation of their own, and put a bound next to infinity.
+pub const FARTHEST: f64 = 3.0;
+
+/// The interval of the mean that keeps its promise for so many values.
+///
+/// Of 2 or 3 values it is Student's, below [`FEW`] the studentised bootstrap's, and from there on the percentile
+/// bootstrap's. Studentised bounds end at [`FARTHEST`] times Student's distance.
+///
+/// None as for [`mean_interval`].
+pub fn interval_of_mean(bootstrap: &Bootstrap, values: &[f64]) -> Option<Interval> {
+    let drawn = if values.len() < LEAST_STUDENTISED { 0 } else { bootstrap.resamples };
+    interval_of_mean_from(&Resamples::draw(&[values.len()], drawn, bootstrap.seed), bootstrap.confidence, values)
+}
+
+/// [`interval_of_mean`] from draws for one task of so many runs.
+///
+/// # Panics
+/// If the draws are for another number of values.
+pub fn interval_of_mean_from(resamples: &Resamples, confidence: f64, values: &[f64]) -> Option<Interval> {
+    let student = mean_interval(values, confidence)?;
+    match values.len() {
+        n if n < LEAST_STUDENTISED => Some(student),
+        n if n < FEW => {
+            let Interval { low, high } = studentised_from(resamples, confidence, values)?;
+            let farther = (FARTHEST - 1.0) * (student.high - student.low) / 2.0;
+            Some(Interval { low: low.max(student.low - farther), high: high.min(student.high + farther) })
+        }
+        _ => Some(percentile_interval(&mut resamples.means(values), confidence)),
+    }
+}
 
 /// Mean and sample standard deviation (n − 1); none of fewer than two values, or where one is not finite.
 fn moments(values: &[f64]) -> Option<(f64, f64)> {
@@ -44,26 +83,39 @@ fn around(values: &[f64], confidence: f64, share: f64) -> Option<Interval> {
 ///
 /// None as for [`mean_interval`].
 pub fn studentised_interval(bootstrap: &Bootstrap, values: &[f64]) -> Option<Interval> {
+    let resamples = Resamples::draw(&[values.len()], bootstrap.resamples, bootstrap.seed);
+    studentised_from(&resamples, bootstrap.confidence, values)
+}
+
+fn studentised_from(resamples: &Resamples, confidence: f64, values: &[f64]) -> Option<Interval> {
     let (mean, deviation) = moments(values)?;
     if deviation == 0.0 {
         return Some(Interval { low: mean, high: mean });
     }
     let root = (values.len() as f64).sqrt();
-    let errors_away = |resample: &[Vec<f64>]| {
-        let resample = &resample[0];
+    let errors_away = |resample: &[f64]| {
         // Rounding would give equal values some deviation.
         let is_constant = resample.iter().all(|value| *value == resample[0]);
         let (other, spread) = if is_constant { (resample[0], 0.0) } else { moments(resample).unwrap_or((mean, 0.0)) };
         if other == mean { 0.0 } else { (other - mean) / (spread / root) }
     };
-    let scores = [values.to_vec()];
-    let resamples = Resamples::draw(&[values.len()], bootstrap.resamples, bootstrap.seed);
-    let mut away = resamples.distribution(&scores, errors_away);
+    let mut away = resamples.of_one(values, errors_away);
     away.sort_unstable_by(f64::total_cmp);
-    let tail = (1.0 - bootstrap.confidence) / 2.0;
+    let tail = (1.0 - confidence) / 2.0;
     // What lies high above its own mean makes the lower bound, and the other way round.
     let bound = |share: f64| mean - quantile(&away, share) * deviation / root;
     Some(Interval { low: bound(1.0 - tail), high: bound(tail) })
+}
+
+/// The two-sided p-value of Student's test that the mean is 0; of paired differences it is the paired test.
+///
+/// None of fewer than two values, where one is not finite, or where all are the same: then nothing tells what a
+/// difference by chance would be.
+pub fn mean_p_value(values: &[f64]) -> Option<f64> {
+    let (mean, deviation) = moments(values)?;
+    let t = mean.abs() / (deviation / (values.len() as f64).sqrt());
+    let differs = values.iter().any(|value| *value != values[0]);
+    (differs && t.is_finite()).then(|| 2.0 * (1.0 - t_below(t, values.len() - 1)))
 }
 
 /// The value below which Student's t with this many degrees of freedom is with this probability, between ½ and 1.
@@ -163,6 +215,42 @@ mod tests {
         assert!(high - mean > 2.0 * (mean - low) && low < mean, "{low} {mean} {high}");
         let constant = studentised_interval(&Bootstrap::default(), &[0.3; 5]).unwrap();
         assert_eq!((constant.low, constant.high), (0.3, 0.3));
+    }
+
+    #[test]
+    fn the_interval_of_a_mean_is_chosen_by_the_number_of_values() {
+        let bootstrap = Bootstrap::default();
+        let values: Vec<f64> = (0..40).map(|i| f64::from(i * i % 17)).collect();
+        let interval = |n: usize| interval_of_mean(&bootstrap, &values[..n]);
+        assert_eq!(interval(1), None);
+        assert_eq!(interval(3), mean_interval(&values[..3], 0.95));
+        assert_ne!(interval(4), mean_interval(&values[..4], 0.95));
+        assert_eq!(interval(29), studentised_interval(&bootstrap, &values[..29]));
+        let percentile = bootstrap.estimate(&[values[..30].to_vec()], crate::aggregate::mean).interval;
+        assert_eq!(interval(30), percentile);
+    }
+
+    /// Four of five are the same: a third of the resamples has no deviation at all.
+    #[test]
+    fn ties_do_not_put_a_bound_at_infinity() {
+        let values = [0.9, 0.9, 0.9, 0.9, 0.3];
+        let bootstrap = Bootstrap::default();
+        assert_eq!(studentised_interval(&bootstrap, &values).unwrap().low, f64::NEG_INFINITY);
+        let Interval { low, high } = interval_of_mean(&bootstrap, &values).unwrap();
+        let student = mean_interval(&values, 0.95).unwrap();
+        assert_near(0.78 - low, FARTHEST * (0.78 - student.low));
+        assert!(high > 0.78 && high < student.high, "{high}");
+        assert_eq!(interval_of_mean(&bootstrap, &[0.9; 5]), Some(Interval { low: 0.9, high: 0.9 }));
+    }
+
+    /// Expected: scipy.stats.ttest_1samp([1, 2, 3, 4, 5], 0) and ([-1, 2, 0.5], 0).
+    #[test]
+    fn the_p_value_is_students() {
+        assert!((mean_p_value(&[1.0, 2.0, 3.0, 4.0, 5.0]).unwrap() - 0.013235599563).abs() < 1e-11);
+        assert!((mean_p_value(&[-1.0, 2.0, 0.5]).unwrap() - 0.622035527).abs() < 1e-9);
+        for values in [&[1.0][..], &[1.0, 1.0], &[0.0, 0.0], &[1.0, f64::NAN]] {
+            assert_eq!(mean_p_value(values), None);
+        }
     }
 
     #[test]

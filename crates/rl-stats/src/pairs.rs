@@ -1,7 +1,11 @@
 //! Two algorithms: unpaired as rliable compares them, and paired by seed.
 
 use crate::aggregate::mean_of;
+use crate::few::{FEW, interval_of_mean};
 use crate::{Bootstrap, Estimate, Interval};
+
+/// A count of pairs this near a whole number is that number: what is missing to it is rounding.
+const ROUNDING: f64 = 1e-9;
 
 /// The probability that a run of `x` scores above a run of `y` on the same task, a tie counting half; averaged over
 /// tasks. Runs are not paired.
@@ -15,12 +19,23 @@ pub fn probability_of_improvement(x: &[Vec<f64>], y: &[Vec<f64>]) -> f64 {
     mean_of(x.iter().zip(y).map(|(x, y)| mean_of(x.iter().flat_map(|&x| y.iter().map(move |&y| above(x, y))))))
 }
 
-/// [`probability_of_improvement`] with its interval: the runs of `x` and of `y` are resampled by themselves.
+/// [`probability_of_improvement`] with its interval.
+///
+/// With fewer than [`FEW`] runs it is Clopper and Pearson's, of as many independent pairs as the smaller side has runs.
+/// That is cautious: the mean over all pairs varies no more than the mean over so many separate ones (Hoeffding 1948).
+/// Resampling would give no width where all runs of the one are above all of the other. With more runs both sides are
+/// resampled by themselves.
 ///
 /// # Panics
 /// If the two have not the same number of tasks.
 pub fn estimate_probability_of_improvement(bootstrap: &Bootstrap, x: &[Vec<f64>], y: &[Vec<f64>]) -> Estimate {
     let both = [x, y].concat();
+    let runs = both.iter().map(Vec::len).min().unwrap_or(0);
+    if runs < FEW {
+        let value = probability_of_improvement(x, y);
+        let interval = (runs > 1 && value.is_finite()).then(|| exact(bootstrap.confidence, value * runs as f64, runs));
+        return Estimate { value, interval, runs };
+    }
     bootstrap.estimate(&both, |both| {
         let (x, y) = both.split_at(x.len());
         probability_of_improvement(x, y)
@@ -36,13 +51,19 @@ pub fn estimate_paired_improvement_share(confidence: f64, pairs: &[(f64, f64)]) 
     let above: Vec<f64> = pairs.iter().map(|&(x, y)| above(x, y)).collect();
     let value = mean_of(above.iter().copied());
     let (count, n) = (above.iter().sum::<f64>(), above.len());
-    let interval = (n > 1 && value.is_finite()).then(|| {
-        let tail = (1.0 - confidence) / 2.0;
-        let upper = |count: f64| largest_share(count as usize, n, tail);
-        // What is counted above is the rest that is not counted below.
-        Interval { low: 1.0 - upper(n as f64 - count.floor()), high: upper(count.ceil()) }
-    });
+    let interval = (n > 1 && value.is_finite()).then(|| exact(confidence, count, n));
     Estimate { value, interval, runs: n }
+}
+
+/// Clopper and Pearson's interval of `count` of `n`; from the lower bound of the count below to the upper bound of the
+/// one above where it lies between two.
+fn exact(confidence: f64, count: f64, n: usize) -> Interval {
+    let tail = (1.0 - confidence) / 2.0;
+    let upper = |count: f64| largest_share(count as usize, n, tail);
+    let whole = count.round();
+    let (below, above) = if (count - whole).abs() < ROUNDING { (whole, whole) } else { (count.floor(), count.ceil()) };
+    // What is counted above is the rest that is not counted below.
+    Interval { low: 1.0 - upper(n as f64 - below), high: upper(above) }
 }
 
 /// The largest probability with which at most `count` of `n` trials succeed with a chance of at least `tail`.
@@ -88,9 +109,10 @@ pub fn estimate_paired_difference(bootstrap: &Bootstrap, pairs: &[(f64, f64)]) -
     estimate_mean(bootstrap, pairs.iter().map(|(x, y)| x - y).collect())
 }
 
-/// The mean of one value per run, with its interval over runs.
+/// The mean of one value per run, with [`interval_of_mean`].
 pub fn estimate_mean(bootstrap: &Bootstrap, values: Vec<f64>) -> Estimate {
-    bootstrap.estimate(&[values], crate::aggregate::mean)
+    let value = mean_of(values.iter().copied());
+    Estimate { value, interval: interval_of_mean(bootstrap, &values), runs: values.len() }
 }
 
 /// 1 if `x` is above `y`, ½ for a tie, 0 below; NaN if either is.
@@ -126,6 +148,21 @@ mod tests {
         let difference = estimate_paired_difference(&Bootstrap::default(), &pairs[..2]);
         // The seeds differ widely, their differences not at all.
         assert_eq!((difference.value, difference.interval), (1.0, Some(Interval { low: 1.0, high: 1.0 })));
+    }
+
+    /// Resampling five runs that are all above five others would say [1, 1].
+    #[test]
+    fn few_runs_leave_room_beside_certainty() {
+        let (x, y) = ([vec![2.0; 5], vec![2.0; 5]], [vec![1.0; 5], vec![1.0; 7]]);
+        let all = estimate_probability_of_improvement(&Bootstrap::default(), &x, &y);
+        let Interval { low, high } = all.interval.unwrap();
+        assert_eq!((all.value, all.runs, high), (1.0, 5, 1.0));
+        assert!((low - 0.025_f64.powf(0.2)).abs() < 1e-9, "{low}");
+        // 0.6 · 5 is a little above 3, and still 3 of 5.
+        let tied = exact(0.95, 0.6 * 5.0 + 1e-15, 5);
+        assert_eq!((tied.low, tied.high), share(3, 5));
+        let one = estimate_probability_of_improvement(&Bootstrap::default(), &[vec![1.0]], &[vec![0.0, 2.0]]);
+        assert_eq!((one.value, one.interval), (0.5, None));
     }
 
     /// Of n pairs, so many above and the rest below.
