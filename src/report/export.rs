@@ -10,7 +10,7 @@ use anyhow::{Context, Result};
 
 use super::analysis::Analysis;
 use super::exhibits::{self, NamedFigure, NamedTable};
-use super::render::{Format, page, render, to_json};
+use super::render::{Format, page, render, seeds, to_json};
 use super::table::Table;
 use crate::run::write_file;
 
@@ -19,7 +19,7 @@ pub const PNG_SCALE: f64 = 3.0;
 /// What the measures are, to lie beside the report.
 const METRICS: &str = include_str!("../../docs/metrics.md");
 
-/// Writes `report.html`, `report.json`, `tables.md`, `tables.tex`, `tables/*.csv`, `figures/*.svg`, `figures/*.png` and
+/// Writes `report.html`, `report.json`, `seeds.csv`, `tables.md`, `tables.tex`, `tables/*.csv`, `figures/*.svg`, `figures/*.png` and
 /// the definitions of all measures, `metrics.md`, into `directory`, which is made if need be. `command` is what the
 /// report says it was made by.
 ///
@@ -34,6 +34,7 @@ pub fn write(analysis: &Analysis, directory: &Path, command: &str) -> Result<()>
     let sections = exhibits::sections(analysis, &exhibits);
     write_text(&directory.join("report.html"), &page(analysis, &exhibits, &sections, command).to_html())?;
     write_text(&directory.join("report.json"), &to_json(analysis, &exhibits)?)?;
+    write_text(&directory.join("seeds.csv"), &seeds(analysis))?;
     let (tables, figures): (Vec<_>, Vec<_>) =
         sections.into_iter().map(|section| (section.tables, section.figures)).unzip();
     write_figures(&figures.concat(), &drawn)?;

@@ -78,13 +78,14 @@ impl Cell {
 }
 
 impl Table {
-    /// A table with these columns.
+    /// A table with these columns; empty notes are left out.
     pub(super) fn new(
         title: impl Into<String>,
         columns: impl IntoIterator<Item = impl Into<String>>,
         rows: Vec<Vec<Cell>>,
-        notes: Vec<String>,
+        mut notes: Vec<String>,
     ) -> Self {
+        notes.retain(|note| !note.is_empty());
         Self { title: title.into(), columns: columns.into_iter().map(Into::into).collect(), rows, notes }
     }
 }

@@ -359,6 +359,39 @@ fn arms_are_compared_unpaired_and_long_logs_shortened() {
 }
 
 #[test]
+fn few_seeds_are_never_certain() {
+    let better = Fake { arm: "dqn", ..FROM_SCRATCH_B };
+    let worse = Fake { skill: |_, _| Skill::Lost, ..FROM_SCRATCH_B };
+    let runs: Vec<Fake> = (0..5).flat_map(|seed| [Fake { seed, ..better }, Fake { seed, ..worse }]).collect();
+    let csv = table(&analysis(&runs), "probability-of-improvement", Format::Markdown);
+    // All of five: the lower bound p has p^5 = 0.025.
+    assert!(csv.contains("| 1.000 [0.478, 1.000] |") && csv.contains("exact (Clopper-Pearson)"), "{csv}");
+}
+
+#[test]
+fn differences_on_several_levels_are_read_together() {
+    // Seeds differ in how much they lose on level b.
+    let curves: [fn(&str, f64) -> f64; 4] = [
+        |level, share| if level == "b" { 0.1 * share } else { share },
+        |level, share| if level == "b" { 0.2 * share } else { share },
+        |level, share| if level == "b" { 0.4 * share } else { share },
+        |level, share| if level == "b" { 0.8 * share } else { share },
+    ];
+    let runs: Vec<Fake> = (0..4)
+        .flat_map(|seed| [Fake { seed, curve: curves[seed as usize], ..CURRICULUM }, Fake { seed, ..FROM_SCRATCH_B }])
+        .collect();
+    let analysis = analysis(&runs);
+    let contrast = contrast_on_b(&analysis);
+    // Areas are 0.625 of 0.1, 0.2, 0.4 and 0.8, and 1 from scratch: the mean difference is 0.765625, its standard
+    // error 0.09674, t 7.9142 with 3 degrees of freedom.
+    let p = contrast.area.as_ref().and_then(|area| area.p_holm).expect("a test");
+    assert_near(p, 0.004_205_644_770_8, 1e-12);
+    assert_eq!(contrast.final_return.as_ref().and_then(|last| last.p_holm), None, "all differences are the same");
+    let over = only_pair(&analysis);
+    assert_eq!(over.area.as_ref().and_then(|area| area.p_value), Some(p), "one level alone is one contrast");
+}
+
+#[test]
 fn a_report_is_written_as_files() {
     let root = TempDir::new().expect("a folder");
     for seed in 0..2 {
@@ -369,6 +402,12 @@ fn a_report_is_written_as_files() {
     let out = root.path().join("report");
     export::write(&analysis, &out, "cpp-rl compare").expect("the folder is writable");
     let text = |name: &str| fs::read_to_string(out.join(name)).expect("the file is there");
+    let seeds = text("seeds.csv");
+    assert!(seeds.starts_with("arm,sequence,treatment,seed,stage,level,measure,value\n"), "{seeds}");
+    for row in ["ppo,curriculum,,1,,a,return,-20", "ppo,curriculum,,0,1,b,timesteps,1000"] {
+        assert!(seeds.lines().any(|line| line == row), "{row} is not in\n{seeds}");
+    }
+    assert!(seeds.contains("\nppo (from scratch),level-b,,1,0,b,time_to_0.9,250\n"), "{seeds}");
     let json: Value = serde_json::from_str(&text("report.json")).expect("JSON");
     assert_eq!(json["arms"][0]["matrix"]["rows"][0]["after"], Value::Null);
     assert_eq!(

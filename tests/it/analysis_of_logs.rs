@@ -86,7 +86,9 @@ fn plasticity_at_the_end_of_a_stage_is_compared_with_from_scratch() {
     Fake { seed: 2, stages_done: 1, ..CURRICULUM }.write(root.path());
     let analysis = read(&root);
     let markdown = table(&analysis, "plasticity-ppo", Format::Markdown);
-    assert!(markdown.contains("| grad_norm | 4.000 [3.000, 5.000] | 4.500 [4.000, 5.000] (n = 2) |"), "{markdown}");
+    // Student's t of two degrees of freedom is 4.3027, of one 12.706.
+    assert!(markdown.contains("| grad_norm | 4.000 [1.516, 6.484] | 4.500 [-1.853, 10.853] (n = 2) |"), "{markdown}");
+    assert!(markdown.contains("95% interval of the mean over seeds, Student's t."), "{markdown}");
     let markdown = table(&analysis, "plasticity-differences-ppo", Format::Markdown);
     assert!(markdown.contains("| grad_norm | – | 3.000 [3.000, 3.000] |"), "{markdown}");
     assert_eq!(Plasticity::new(&analysis).differences[0].ends[0].value.seeds, [(0, 3.0), (1, 3.0)].into());

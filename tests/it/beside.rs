@@ -63,6 +63,22 @@ fn published_figures_stand_beside_nothing_that_they_do_not_describe() {
     assert!(read(&root).published.is_none());
 }
 
+#[test]
+fn a_published_run_is_inside_or_outside_of_where_one_more_would_fall() {
+    let paper = Fake { levels: &["0", "1", "2", "3"], stages_done: 4, ..CURRICULUM };
+    let lost = Fake { skill: |_, _| crate::fakes::Skill::Lost, ..paper };
+    let runs: Vec<Fake> = (0..3).map(|seed| Fake { seed, ..if seed == 0 { lost } else { paper } }).collect();
+    let analysis = analysis(&runs);
+    let markdown = table(&analysis, "published-runs", Format::Markdown);
+    let row = |begin: &str| markdown.lines().find(|line| line.starts_with(begin)).expect("a row").to_owned();
+    // The paper's 42.72 is near two of three, and the third tells how far seeds may fall.
+    assert!(row("| ppo | right after training | 0 | 3 |").ends_with("| 42.72 | inside |"), "{markdown}");
+    // All of ours are at the worst return there, without any spread.
+    let worst = "| ppo | after level 3 | 0 | 3 | -200.00 [-200.00, -200.00] | -194.45 | outside |";
+    assert_eq!(row("| ppo | after level 3 | 0 |"), worst);
+    assert!(markdown.contains("prediction interval"), "{markdown}");
+}
+
 /// Whether a figure of a new report of `runs` shows a name.
 fn shows(sandbox: &Sandbox, runs: &str, option: &str, figure: &str, name: &str) -> bool {
     sandbox.succeeds(&format!("compare {runs} --out report {option}"));

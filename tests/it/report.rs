@@ -6,6 +6,7 @@ use std::fmt::Write;
 use std::fs::{self, File};
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use cpp_rl::report::analysis::Analysis;
 use cpp_rl::report::exhibits::{self, NamedFigure};
@@ -192,7 +193,8 @@ fn thirty_seeds_of_two_arms_have_every_figure() {
     ];
     assert_eq!(report.names(), expected);
     let caption = report.caption("learning-curves");
-    assert!(caption.contains("30 seeds per arm. Bands: 95% bootstrap intervals"), "{caption}");
+    let bands = "30 seeds per arm. Bands: 95% intervals of the mean over seeds, at each point by itself (percentile";
+    assert!(caption.contains(bands), "{caption}");
     let svg = |name: &str| fs::read_to_string(report.path(&format!("figures/{name}.svg"))).expect("the drawing");
     for text in ["gradient norm before clipping", "a_measure_to_come", "dormant units"] {
         assert!(svg("plasticity").contains(text), "{text}");
@@ -330,6 +332,78 @@ fn the_same_runs_give_the_same_bytes() {
     for (path, bytes) in &before {
         assert!(after[path] == *bytes, "{} differs", path.display());
     }
+}
+
+/// Gives each seed results of its own: some of its episodes are lost, and its curve is lower.
+fn vary(run: &Fake, path: &Path) {
+    let each = |name: &str, alter: &dyn Fn(usize, &mut Vec<String>)| {
+        let text = fs::read_to_string(path.join(name)).expect("the file is there");
+        let line = |(place, line): (usize, &str)| {
+            let mut fields: Vec<String> = line.split(',').map(str::to_owned).collect();
+            if place > 0 {
+                alter(place, &mut fields);
+            }
+            fields.join(",") + "\n"
+        };
+        fs::write(path.join(name), text.lines().enumerate().map(line).collect::<String>()).expect("it is writable");
+    };
+    let seed = run.seed as usize;
+    each("evaluations.csv", &|place, fields| {
+        if (3 * place + 5 * seed + run.arm.len()) % 11 < seed % 5 {
+            fields.splice(4.., ["-20", "20", "false"].map(str::to_owned));
+        }
+    });
+    each("progress.csv", &|_, fields| {
+        let value: f64 = fields[4].parse().expect("a return");
+        fields[4] = (value - 3.0 * ((7 * seed) % 5) as f64 / 4.0).to_string();
+    });
+    log_plasticity(run, path);
+}
+
+/// What `scripts/recompute-report` says of a report, and whether everything agrees; none without Python.
+fn recomputed(report: &Report) -> Option<(bool, String)> {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/scripts/recompute-report");
+    let output =
+        Command::new("python3").arg(script).arg(report.path("")).arg(report.root.path().join("runs")).output().ok()?;
+    let text = format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    Some((output.status.success(), text))
+}
+
+#[test]
+fn an_independent_program_computes_the_main_tables_again() {
+    let dqn = Fake { arm: "dqn", ..CURRICULUM };
+    let learns_a = Fake { curve: |_, share| share / 2.0, ..FROM_SCRATCH_A };
+    let mut runs = [with_seeds(&[CURRICULUM, FROM_SCRATCH_B], 6), with_seeds(&[learns_a], 3)].concat();
+    runs.extend(with_seeds(&[dqn], 31));
+    runs.push(Fake { seed: 6, stages_done: 1, ..CURRICULUM });
+    let report = Report::altered(&runs, vary);
+    let Some((agrees, text)) = recomputed(&report) else {
+        eprintln!("skipped: python3 is not installed");
+        return;
+    };
+    assert!(agrees, "{text}");
+    // A number that is altered anywhere is told of, and so is one that is not there.
+    let tables = ["right-after-training", "aggregates", "continual-learning", "against-from-scratch"];
+    let tables = tables.map(|name| format!("tables/{name}.csv"));
+    for name in tables.iter().map(String::as_str).chain(["seeds.csv"]) {
+        let whole = fs::read_to_string(report.path(name)).expect("the file is there");
+        let mut lines: Vec<String> = whole.lines().map(str::to_owned).collect();
+        let mut fields: Vec<String> = lines[1].split(',').map(str::to_owned).collect();
+        // The last number of the row, a bound of an interval where the table has some.
+        let place = fields.iter().rposition(|field| field.contains('.')).expect("a number with decimals");
+        let number: f64 = fields[place].parse().expect("a number");
+        fields[place] = (number + 0.001).to_string();
+        lines[1] = fields.join(",");
+        fs::write(report.path(name), lines.join("\n") + "\n").expect("it is writable");
+        let (agrees, text) = recomputed(&report).expect("Python is there");
+        let told = Path::new(name).file_stem().and_then(|stem| stem.to_str()).expect("a name");
+        assert!(!agrees && text.contains(told), "{name}: {text}");
+        lines.remove(1);
+        fs::write(report.path(name), lines.join("\n") + "\n").expect("it is writable");
+        assert!(!recomputed(&report).expect("Python is there").0, "{name} without a row");
+        fs::write(report.path(name), whole).expect("it is writable");
+    }
+    assert!(recomputed(&report).expect("Python is there").0);
 }
 
 #[test]

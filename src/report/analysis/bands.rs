@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use rl_stats::{Bootstrap, Interval, Resamples, percentile_interval};
+use rl_stats::few::interval_of_mean_from;
+use rl_stats::{Bootstrap, Interval, Resamples};
 
 /// Makes intervals of many points; the draws for a number of seeds are made once.
 pub(super) struct Bands {
@@ -15,20 +16,14 @@ impl Bands {
         Self { bootstrap, drawn: BTreeMap::new() }
     }
 
-    /// A statistic of one value per seed, with its interval; none of no values, no interval of one.
-    pub(super) fn point(
-        &mut self,
-        values: &[f64],
-        statistic: impl Fn(&[Vec<f64>]) -> f64,
-    ) -> Option<(f64, Option<Interval>)> {
-        let scores = [values.to_vec()];
-        let value = statistic(&scores);
-        if values.is_empty() || !value.is_finite() {
-            return None;
-        }
+    /// The mean of one value per seed, with its interval; none of no values, no interval of one.
+    pub(super) fn mean(&mut self, values: &[f64]) -> Option<(f64, Option<Interval>)> {
+        let value = values.iter().sum::<f64>() / values.len() as f64;
         let Bootstrap { resamples, confidence, seed } = self.bootstrap;
-        let drawn = self.drawn.entry(values.len()).or_insert_with_key(|&n| Resamples::draw(&[n], resamples, seed));
-        let interval = || percentile_interval(&mut drawn.distribution(&scores, statistic), confidence);
-        Some((value, (values.len() > 1).then(interval)))
+        value.is_finite().then(|| {
+            let drawn = self.drawn.entry(values.len());
+            let drawn = drawn.or_insert_with_key(|&n| Resamples::draw(&[n], resamples, seed));
+            (value, interval_of_mean_from(drawn, confidence, values))
+        })
     }
 }

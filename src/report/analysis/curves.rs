@@ -2,7 +2,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use rl_stats::aggregate::mean;
 use serde::Serialize;
 
 use super::bands::Bands;
@@ -95,7 +94,7 @@ impl Series {
     fn means(&self, bands: &mut Bands) -> Vec<Option<Band>> {
         let mut at = |place: usize| {
             let values: Vec<f64> = self.seeds.values().filter_map(|values| values[place]).collect();
-            let (value, interval) = bands.point(&values, mean)?;
+            let (value, interval) = bands.mean(&values)?;
             let [low, high] = [interval.map(|i| i.low), interval.map(|i| i.high)];
             Some(Band { value, low, high, seeds: values.len() })
         };

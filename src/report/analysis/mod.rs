@@ -6,7 +6,7 @@
 //! docs/metrics.md defines every measure.
 //!
 //! Its files depend on each other in one direction: `found` → `levels` → `logs` → `run` → `groups` → `outcome`,
-//! `matrix`, `curves`, `ends` → `arm`.
+//! `matrix`, `curves`, `ends` → `arm`, `seed_values`.
 
 mod arm;
 mod bands;
@@ -23,6 +23,7 @@ mod outcome;
 mod over_seeds;
 mod pairs;
 mod run;
+mod seed_values;
 
 use std::path::PathBuf;
 
@@ -42,6 +43,7 @@ pub use outcome::{LevelOutcome, SeedOutcome, ThresholdTimes, optimality_gap};
 pub use over_seeds::OverSeeds;
 pub use pairs::Pair;
 pub use run::Protocol;
+pub use seed_values::SeedValue;
 
 use super::foreign::ForeignCurve;
 use super::published::{PAPER, Published};
@@ -77,6 +79,9 @@ pub struct Analysis {
     pub foreign_curves: Vec<ForeignCurve>,
     /// What a reader must know.
     pub warnings: Vec<String>,
+    /// Every number of every seed that tables are made of; `seeds.csv` has them.
+    #[serde(skip)]
+    pub seed_values: Vec<SeedValue>,
 }
 
 impl Analysis {
@@ -120,6 +125,7 @@ impl Analysis {
             format: FORMAT,
             pairs: pairs::of_arms(&arms),
             differences: groups::differences(&groups),
+            seed_values: seed_values::of_groups(&groups, &levels),
             runs: inventory::infos(&groups),
             missing: inventory::missing(&groups, &levels),
             left_out,

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use rl_stats::aggregate::{self, interquartile_mean, mean, median_run};
+use rl_stats::aggregate::{self, interquartile_mean, median_run};
 use rl_stats::pairs::estimate_mean;
 use rl_stats::{Bootstrap, Estimate, Time};
 use serde::Serialize;
@@ -118,16 +118,15 @@ impl LevelOutcome {
             return None;
         }
         let (mean_return, std) = mean_std(&returns[0]);
-        let scores: Vec<f64> = seeds.values().filter_map(|seed| seed.normalised).collect();
         Some(Self {
             mean: mean_return,
             std: (seeds.len() > 1).then_some(std),
             solved_share: mean_std(&all(|seed| seed.solved_share)).0,
-            return_mean: bootstrap.estimate(&returns, mean),
+            return_mean: estimate_mean(bootstrap, returns[0].clone()),
             return_median: bootstrap.estimate(&returns, median_run),
             return_iqm: bootstrap.estimate(&returns, interquartile_mean),
             normalised: estimate(|seed| seed.normalised),
-            optimality_gap: (!scores.is_empty()).then(|| optimality_gap(bootstrap, &[scores])),
+            optimality_gap: estimate(|seed| seed.normalised.map(optimality_gap)),
             steps: estimate(|seed| seed.steps),
             steps_solved: estimate(|seed| seed.steps_solved),
             area: estimate(|seed| seed.area),
@@ -153,7 +152,7 @@ impl ThresholdTimes {
     }
 }
 
-/// Mean over levels of the mean over seeds of 1 − min(R̂, 1), of normalised returns R̂ (Agarwal et al. 2021).
-pub fn optimality_gap(bootstrap: &Bootstrap, scores: &[Vec<f64>]) -> Estimate {
-    bootstrap.estimate(scores, |scores| aggregate::optimality_gap(scores, 1.0))
+/// What is missing to the optimum: 1 − min(R̂, 1), of a normalised return R̂ (Agarwal et al. 2021).
+pub fn optimality_gap(normalised: f64) -> f64 {
+    aggregate::optimality_gap(&[vec![normalised]], 1.0)
 }

@@ -1,13 +1,16 @@
 //! Normalised returns right after training, over all levels at once.
 
-use rl_stats::aggregate::{interquartile_mean, mean, median};
+use std::collections::BTreeMap;
+
+use rl_stats::aggregate::{self, interquartile_mean, mean, median};
+use rl_stats::pairs::estimate_mean;
 use rl_stats::{Bootstrap, Estimate};
 use serde::Serialize;
 use serde_json::Value;
 
 use super::exhibit::{Definition, Exhibit, NamedTable};
-use super::parts::notes::{interval_note, level_names};
-use crate::report::analysis::{Analysis, Arm, LevelOutcome, optimality_gap};
+use super::parts::notes::{interval_note, level_names, percentile_note};
+use crate::report::analysis::{Analysis, Arm, LevelOutcome, SeedOutcome};
 use crate::report::table::{Cell, Table};
 
 /// The section of docs/metrics.md.
@@ -21,11 +24,16 @@ pub struct Aggregates {
     pub arms: Vec<Option<OverLevels>>,
 }
 
-/// An arm over all its levels: normalised returns right after training on each. Runs are resampled level by level.
+/// An arm over all its levels: normalised returns right after training on each.
+///
+/// A seed is one draw, with its returns on all levels. Where not every level has the same seeds, they are resampled
+/// level by level.
 #[derive(Clone, Debug, Serialize)]
 pub struct OverLevels {
     /// Indices of the levels.
     pub levels: Vec<usize>,
+    /// Whether every seed has a return on every level.
+    pub are_whole: bool,
     /// Mean over levels of the mean over seeds.
     pub mean: Estimate,
     /// Median over levels of the mean over seeds.
@@ -40,18 +48,38 @@ impl OverLevels {
     /// Over the levels that have results; `None` without any, or where an optimum is unknown.
     fn new(outcomes: &[Option<LevelOutcome>], bootstrap: &Bootstrap) -> Option<Self> {
         let with_results = |(level, outcome): (usize, &Option<LevelOutcome>)| {
-            let scores = outcome.as_ref()?.seeds.values().map(|seed| seed.normalised).collect::<Option<Vec<f64>>>();
+            let of_seed = |(&seed, outcome): (&u64, &SeedOutcome)| Some((seed, outcome.normalised?));
+            let scores = outcome.as_ref()?.seeds.iter().map(of_seed).collect::<Option<BTreeMap<u64, f64>>>();
             Some((level, scores))
         };
-        let (levels, scores): (Vec<usize>, Vec<Option<Vec<f64>>>) =
+        let (levels, scores): (Vec<usize>, Vec<Option<BTreeMap<u64, f64>>>) =
             outcomes.iter().enumerate().filter_map(with_results).unzip();
-        let scores: Vec<Vec<f64>> = scores.into_iter().collect::<Option<_>>()?;
-        (!levels.is_empty()).then(|| Self {
+        let by_seed: Vec<BTreeMap<u64, f64>> = scores.into_iter().collect::<Option<_>>()?;
+        let first = by_seed.first()?;
+        let are_whole = by_seed.iter().all(|level| level.keys().eq(first.keys()));
+        let scores: Vec<Vec<f64>> = by_seed.iter().map(|level| level.values().copied().collect()).collect();
+        let gap = |scores: &[Vec<f64>]| aggregate::optimality_gap(scores, 1.0);
+        if !are_whole {
+            return Some(Self {
+                levels,
+                are_whole,
+                mean: bootstrap.estimate(&scores, mean),
+                median: bootstrap.estimate(&scores, median),
+                interquartile_mean: bootstrap.estimate(&scores, interquartile_mean),
+                optimality_gap: bootstrap.estimate(&scores, gap),
+            });
+        }
+        let over_levels = |of: &dyn Fn(&[Vec<f64>]) -> f64| {
+            let of_seed = |seed: usize| of(&scores.iter().map(|level| vec![level[seed]]).collect::<Vec<_>>());
+            estimate_mean(bootstrap, (0..first.len()).map(of_seed).collect())
+        };
+        Some(Self {
             levels,
-            mean: bootstrap.estimate(&scores, mean),
-            median: bootstrap.estimate(&scores, median),
-            interquartile_mean: bootstrap.estimate(&scores, interquartile_mean),
-            optimality_gap: optimality_gap(bootstrap, &scores),
+            are_whole,
+            mean: over_levels(&mean),
+            median: bootstrap.estimate_whole(&scores, median),
+            interquartile_mean: bootstrap.estimate_whole(&scores, interquartile_mean),
+            optimality_gap: over_levels(&gap),
         })
     }
 }
@@ -120,10 +148,20 @@ impl Aggregates {
             fixed.into_iter().chain(estimates.map(|estimate| Cell::estimate(estimate, 3))).collect()
         };
         let columns = ["arm", "seeds", "levels", "mean", "median", "IQM", "optimality gap"];
-        let notes = vec![
-            "0 is the worst return there is, 1 the proved mean optimum. Seeds are resampled level by level.".to_owned(),
+        let mut notes = vec![
+            "0 is the worst return there is, 1 the proved mean optimum. A seed is one draw, with all its levels."
+                .to_owned(),
             interval_note(analysis, with_results().map(|(arm, _, over)| (arm, &over.mean))),
+            percentile_note("Medians and IQMs", with_results().map(|(_, _, over)| over.mean.runs)),
         ];
+        let ragged: Vec<&str> =
+            with_results().filter(|(_, _, over)| !over.are_whole).map(|(_, arm, _)| arm.name.as_str()).collect();
+        if !ragged.is_empty() {
+            notes.push(format!(
+                "Levels of other seeds are resampled one by one, for percentile intervals: {}.",
+                ragged.join(", ")
+            ));
+        }
         Table::new(
             "Normalised return right after training, over levels",
             columns,

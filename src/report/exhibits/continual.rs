@@ -14,13 +14,15 @@ use serde_json::Value;
 use super::exhibit::{Definition, Exhibit, NamedFigure, NamedTable};
 use super::from_scratch::{TRANSFER_BY_AREAS, transfer_by_areas};
 use super::parts::caption;
-use super::parts::notes::{columns, interval_note};
+use super::parts::notes::{columns, interval_note, percentile_note};
 use super::parts::style::{level_label, point, style};
 use crate::report::analysis::{Analysis, Arm, Matrix, MatrixRow, OverSeeds};
 use crate::report::table::{Cell, Table};
 
 /// The section of docs/metrics.md, and the name of the main table and figure.
 const PLACE: &str = "continual-learning";
+/// The key in `report.json`.
+pub const KEY: &str = "continual";
 /// The table and figure of each level's own forgetting.
 const FORGETTING: &str = "forgetting";
 
@@ -191,7 +193,7 @@ fn seed_matrices(matrix: &Matrix) -> BTreeMap<u64, ReturnMatrix> {
 
 impl Exhibit for Continual {
     fn key(&self) -> &'static str {
-        "continual"
+        KEY
     }
 
     fn heading(&self) -> &'static str {
@@ -259,6 +261,10 @@ impl Continual {
              were also trained from scratch. docs/metrics.md defines the measures."
                 .to_owned(),
             self.intervals(analysis),
+            percentile_note(
+                "Transfer by areas",
+                self.measured().filter_map(|(_, measured)| Some(measured.transfer_by_areas.as_ref()?.runs)),
+            ),
         ];
         let columns = ["arm", "seeds"].into_iter().chain(measures);
         Table::new("Continual learning, of normalised returns", columns, self.measured().map(row).collect(), notes)

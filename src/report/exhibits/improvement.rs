@@ -1,6 +1,7 @@
 //! Arms against each other: how probably a run of the one does better than a run of the other.
 
 use charts::{About, Axis, IntervalChart, IntervalPanel, IntervalSeries, Layout, Orientation, Reference, Style, Width};
+use rl_stats::few::FEW;
 use rl_stats::pairs::estimate_probability_of_improvement;
 use rl_stats::{Bootstrap, Estimate};
 use serde::Serialize;
@@ -8,7 +9,7 @@ use serde_json::Value;
 
 use super::exhibit::{Definition, Exhibit, NamedFigure, NamedTable};
 use super::parts::caption;
-use super::parts::notes::{interval_note, level_names};
+use super::parts::notes::level_names;
 use super::parts::style::{PROTOCOLS, point, short_name};
 use crate::report::analysis::{Analysis, Arm, LevelOutcome};
 use crate::report::table::{Cell, Table};
@@ -104,21 +105,30 @@ impl Exhibit for Improvements {
 }
 
 impl Improvements {
+    /// The least number of runs in a comparison.
+    fn fewest(&self) -> usize {
+        self.pairs.iter().map(|pair| pair.probability.runs).min().unwrap_or(0)
+    }
+
     fn table(&self, analysis: &Analysis) -> Table {
         let name = |arm: usize| Cell::from(analysis.arms[arm].name.as_str());
         let row = |improvement: &Improvement| {
             let levels = level_names(analysis, &improvement.levels);
             vec![name(improvement.x), name(improvement.y), levels.into(), Cell::estimate(&improvement.probability, 3)]
         };
-        let of_arm = |(arm, levels): (usize, &Vec<usize>)| {
-            let outcomes = levels.iter().filter_map(|&level| analysis.arms[arm].levels[level].as_ref());
-            outcomes.map(|outcome| (arm, &outcome.return_mean)).collect::<Vec<_>>()
+        let confidence = 100.0 * analysis.conventions.bootstrap.confidence;
+        let interval = if self.fewest() < FEW {
+            format!(
+                "[low, high]: {confidence:.0}% interval, exact (Clopper-Pearson), of as many pairs as the smaller arm \
+                 has seeds; from {FEW} seeds on percentile bootstrap."
+            )
+        } else {
+            format!("[low, high]: {confidence:.0}% interval, percentile bootstrap over seeds.")
         };
-        let compared = self.pairs.iter().flat_map(|i| [(i.x, &i.levels), (i.y, &i.levels)]);
-        let notes = vec![
-            "Unpaired, ties half, averaged over levels.".to_owned(),
-            interval_note(analysis, compared.flat_map(of_arm)),
-        ];
+        let mut notes = vec!["Unpaired, ties half, averaged over levels.".to_owned(), interval];
+        if self.fewest() == 1 {
+            notes.push("One seed has no interval.".to_owned());
+        }
         let title = "Probability that a run of X earns more right after training than a run of Y";
         Table::new(title, ["X", "Y", "levels", "P(X > Y)"], self.pairs.iter().map(row).collect(), notes)
     }
@@ -157,7 +167,7 @@ impl Improvements {
                  on the same level. It is averaged over levels; runs are not paired."
                     .to_owned(),
                 caption::seeds(analysis, &shown),
-                caption::intervals(analysis, &shown),
+                caption::improvements(analysis, &shown, self.fewest()),
                 caption::missing(analysis, &shown),
             ]),
             drawing: IntervalChart {

@@ -13,6 +13,7 @@ mod matrix;
 mod missing;
 mod parts;
 pub mod plasticity;
+mod published_runs;
 mod returns;
 mod settings;
 
@@ -28,7 +29,7 @@ use super::table::{Cell, Table};
 
 /// Every exhibit, in the order of a report.
 pub fn all(analysis: &Analysis) -> Vec<Box<dyn Exhibit>> {
-    vec![
+    let mut all: Vec<Box<dyn Exhibit>> = vec![
         Box::new(levels::Levels),
         Box::new(learning::Learning::new(analysis)),
         Box::new(returns::Returns),
@@ -41,7 +42,13 @@ pub fn all(analysis: &Analysis) -> Vec<Box<dyn Exhibit>> {
         Box::new(plasticity::layers::Layers),
         Box::new(settings::Settings),
         Box::new(missing::Missing),
-    ]
+    ];
+    // A report of other levels does not speak of the paper.
+    if analysis.published.is_some() {
+        let place = all.iter().position(|exhibit| exhibit.key() == continual::KEY).unwrap_or(all.len());
+        all.insert(place, Box::new(published_runs::PublishedRuns));
+    }
+    all
 }
 
 /// The tables and figures of one exhibit.

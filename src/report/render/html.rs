@@ -55,6 +55,8 @@ fn introduction(analysis: &Analysis, command: &str) -> Vec<Block> {
             versions(analysis)
         )),
         link("report.json", "report.json"),
+        plain(", those of single seeds in "),
+        link("seeds.csv", "seeds.csv"),
         plain(", all tables in "),
         link("tables.md", "tables.md"),
         plain(" and, for LaTeX, "),

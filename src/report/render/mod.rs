@@ -5,10 +5,12 @@ mod html;
 mod json;
 mod latex;
 mod markdown;
+mod seeds;
 mod terminal;
 
 pub use html::page;
 pub use json::report as to_json;
+pub use seeds::seeds;
 
 use serde_json::Value;
 

@@ -142,6 +142,7 @@ fn differences(analysis: &Analysis, contrasts: &[Contrast]) -> Option<NamedFigur
                 .to_owned(),
             "Marks: means over pairs; dots: single pairs.".to_owned(),
             caption::intervals(analysis, &arms),
+            "Relative losses have percentile bootstrap intervals.".to_owned(),
             if unpaired > 0 { format!("Results without a counterpart, left out: {unpaired}.") } else { String::new() },
             caption::missing(analysis, &arms),
         ]),

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use rl_stats::few::{holm, mean_p_value};
 use rl_stats::pairs::{
     estimate_mean, estimate_paired_difference, estimate_paired_improvement_share, estimate_ratio_of_means,
 };
@@ -42,6 +43,8 @@ pub struct OverLevels {
     pub levels: Vec<usize>,
     /// Mean of curriculum − from scratch.
     pub difference: Estimate,
+    /// Of Student's paired test of the difference; none where it has none.
+    pub p_value: Option<f64>,
     /// By seed that has it on all of these levels: the mean over them in the curriculum, from scratch.
     pub pairs: BTreeMap<u64, (f64, f64)>,
 }
@@ -81,6 +84,9 @@ pub struct Paired {
     pub difference: Estimate,
     /// Share of seeds that do better in the curriculum, ties half; none on its first level.
     pub paired_improvement_share: Option<Estimate>,
+    /// Of Student's paired test of the difference, adjusted by Holm for all levels of the contrast; none on its first
+    /// level, and where the test has none.
+    pub p_holm: Option<f64>,
     /// By seed: in the curriculum, from scratch.
     pub pairs: BTreeMap<u64, (f64, f64)>,
 }
@@ -114,7 +120,9 @@ impl Contrast {
     /// Of one pair.
     pub fn new(analysis: &Analysis, pair: Pair) -> Self {
         let bootstrap = &analysis.conventions.bootstrap;
-        let levels = LevelContrast::all(analysis, pair);
+        let mut levels = LevelContrast::all(analysis, pair);
+        adjust(levels.iter_mut().flatten().filter_map(|level| level.area.as_mut()));
+        adjust(levels.iter_mut().flatten().filter_map(|level| level.final_return.as_mut()));
         let area = OverLevels::new(&levels, |level| level.area.as_ref(), bootstrap);
         let areas = || area.iter().flat_map(|area| area.pairs.values());
         Self {
@@ -125,6 +133,18 @@ impl Contrast {
             levels,
         }
     }
+}
+
+/// Adjusts the p-values of one measure on several levels, so that they can be read together.
+fn adjust<'a>(levels: impl Iterator<Item = &'a mut Paired>) {
+    let mut p_values: Vec<&mut f64> = levels.filter_map(|level| level.p_holm.as_mut()).collect();
+    let adjusted = holm(&p_values.iter().map(|p| **p).collect::<Vec<f64>>());
+    p_values.iter_mut().zip(adjusted).for_each(|(p, adjusted)| **p = adjusted);
+}
+
+/// The p-value of Student's paired test.
+fn paired_p_value(pairs: &[(f64, f64)]) -> Option<f64> {
+    mean_p_value(&pairs.iter().map(|(a, b)| a - b).collect::<Vec<f64>>())
 }
 
 /// A measure that compares two areas.
@@ -197,7 +217,12 @@ impl OverLevels {
         };
         let pairs: BTreeMap<u64, (f64, f64)> = by_level.first()?.keys().filter_map(of_seed).collect();
         let all: Vec<(f64, f64)> = pairs.values().copied().collect();
-        (!all.is_empty()).then(|| Self { levels, difference: estimate_paired_difference(bootstrap, &all), pairs })
+        (!all.is_empty()).then(|| Self {
+            levels,
+            difference: estimate_paired_difference(bootstrap, &all),
+            p_value: paired_p_value(&all),
+            pairs,
+        })
     }
 }
 
@@ -251,6 +276,7 @@ impl Paired {
             difference: estimate_paired_difference(bootstrap, &all),
             paired_improvement_share: (!is_first)
                 .then(|| estimate_paired_improvement_share(bootstrap.confidence, &all)),
+            p_holm: if is_first { None } else { paired_p_value(&all) },
             pairs,
         })
     }

@@ -2,7 +2,7 @@
 
 use rl_stats::Estimate;
 
-use super::super::parts::notes::{interval_note, level_names};
+use super::super::parts::notes::{interval_note, level_names, percentile_note};
 use super::numbers::{Contrast, LevelContrast, OverLevels, Paired, PairedTimes, RELATIVE_LOSS, TimeSummary};
 use crate::report::analysis::{Analysis, ThresholdTimes};
 use crate::report::table::{Cell, Table};
@@ -33,16 +33,21 @@ fn notes(analysis: &Analysis, contrasts: &[Contrast]) -> Vec<String> {
     notes
 }
 
+fn p_value(p: Option<f64>) -> Cell {
+    p.map_or(Cell::Missing, |p| Cell::Number(p, 4))
+}
+
 /// Areas under the learning curves and final returns.
 pub(super) fn curves(analysis: &Analysis, contrasts: &[Contrast]) -> Table {
     // The intervals are those of differences and shares; a mean of either side is not what is compared.
     let paired = |paired: &Option<Paired>, pairs: usize| {
-        let Some(paired) = paired else { return [const { Cell::Missing }; 4] };
+        let Some(paired) = paired else { return [const { Cell::Missing }; 5] };
         let mean = |estimate: &Estimate| Cell::Number(estimate.value, 3);
         let cells = [
             mean(&paired.curriculum),
             mean(&paired.from_scratch),
             Cell::estimate(&paired.difference, 3),
+            p_value(paired.p_holm),
             Cell::estimate(&paired.paired_improvement_share, 2),
         ];
         cells.map(|cell| cell.of_seeds(paired.pairs.len(), pairs))
@@ -63,12 +68,13 @@ pub(super) fn curves(analysis: &Analysis, contrasts: &[Contrast]) -> Table {
         let all = against.final_return.as_ref().or(against.area.as_ref())?;
         let pairs = all.pairs.len();
         let means = |over: &Option<OverLevels>| {
-            let Some(over) = over else { return [const { Cell::Missing }; 4] };
+            let Some(over) = over else { return [const { Cell::Missing }; 5] };
             let mean = |of: fn(&(f64, f64)) -> f64| {
                 let sum: f64 = over.pairs.values().map(of).sum();
                 Cell::Number(sum / over.pairs.len() as f64, 3)
             };
-            let cells = [mean(|pair| pair.0), mean(|pair| pair.1), Cell::estimate(&over.difference, 3), Cell::Missing];
+            let difference = Cell::estimate(&over.difference, 3);
+            let cells = [mean(|pair| pair.0), mean(|pair| pair.1), difference, p_value(over.p_value), Cell::Missing];
             cells.map(|cell| cell.of_seeds(over.pairs.len(), pairs))
         };
         let loss = against.relative_loss.as_ref();
@@ -93,16 +99,27 @@ pub(super) fn curves(analysis: &Analysis, contrasts: &[Contrast]) -> Table {
         "area",
         "area from scratch",
         "difference of areas",
+        "p of areas",
         "seeds with more area",
         RELATIVE_LOSS.name,
         "final",
         "final from scratch",
         "difference of finals",
+        "p of finals",
         "seeds with better finals",
     ];
     let columns = ["arm", "level", "pairs"].map(str::to_owned).into_iter().chain(reach);
     let title = "Each level in the curriculum against learning from scratch, normalised";
-    Table::new(title, columns.chain(rest.map(str::to_owned)), rows, notes(analysis, contrasts))
+    let mut notes = notes(analysis, contrasts);
+    let ratios = contrasts.iter().flat_map(|against| &against.levels).flatten();
+    let ratios = ratios.filter_map(|level| Some(level.relative_loss.as_ref()?.runs));
+    notes.push(percentile_note("Relative losses", ratios));
+    notes.push(
+        "p: Student's paired test, adjusted by Holm for the levels of an arm, so that they can be read together; on \
+         the mean over levels as it is. Where all differences are the same there is none."
+            .to_owned(),
+    );
+    Table::new(title, columns.chain(rest.map(str::to_owned)), rows, notes)
 }
 
 /// Times to the thresholds.

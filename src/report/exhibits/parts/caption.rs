@@ -2,6 +2,9 @@
 
 use std::collections::BTreeSet;
 
+use rl_stats::few::FEW;
+
+use super::notes::method;
 use crate::report::analysis::{Analysis, Band, Missing};
 
 /// How many gaps a caption lists before it refers to the table of all.
@@ -26,27 +29,38 @@ pub fn seeds(analysis: &Analysis, arms: &[usize]) -> String {
 
 /// What the bands of curves are.
 pub fn bands(analysis: &Analysis, arms: &[usize]) -> String {
-    let confidence = analysis.conventions.curve_bootstrap.confidence;
-    without_interval(
-        analysis,
-        arms,
-        &format!(
-            "Bands: {:.0}% bootstrap intervals of the mean over seeds, at each point by itself.",
-            100.0 * confidence
-        ),
-        "band",
-    )
+    let bootstrap = &analysis.conventions.curve_bootstrap;
+    let sentence = format!(
+        "Bands: {:.0}% intervals of the mean over seeds, at each point by itself{}.",
+        100.0 * bootstrap.confidence,
+        in_brackets(method(bootstrap, seed_counts(analysis, arms)))
+    );
+    without_interval(analysis, arms, &sentence, "band")
 }
 
 /// What the bars at points are.
 pub fn intervals(analysis: &Analysis, arms: &[usize]) -> String {
-    let confidence = analysis.conventions.bootstrap.confidence;
-    without_interval(
-        analysis,
-        arms,
-        &format!("Bars: {:.0}% bootstrap intervals over seeds.", 100.0 * confidence),
-        "interval",
-    )
+    let bootstrap = &analysis.conventions.bootstrap;
+    let sentence = format!(
+        "Bars: {:.0}% intervals of the mean over seeds{}.",
+        100.0 * bootstrap.confidence,
+        in_brackets(method(bootstrap, seed_counts(analysis, arms)))
+    );
+    without_interval(analysis, arms, &sentence, "interval")
+}
+
+/// The numbers of seeds that means of these arms may be of: less than all where something is missing.
+fn seed_counts(analysis: &Analysis, arms: &[usize]) -> impl Iterator<Item = usize> {
+    let has_gaps = |arm: usize| analysis.missing.iter().any(|missing| missing.arm == arm);
+    let of_arm = |&arm: &usize| {
+        let all = analysis.arms[arm].seeds.len();
+        if has_gaps(arm) { (1..=all).collect::<Vec<usize>>() } else { vec![all] }
+    };
+    arms.iter().flat_map(of_arm).collect::<Vec<usize>>().into_iter()
+}
+
+fn in_brackets(method: Option<String>) -> String {
+    method.map_or(String::new(), |method| format!(" ({})", method.replace(" (", "; ").replace(')', "")))
 }
 
 /// `sentence`, unless one seed each has no spread to show; names the arms that have none beside others.
@@ -71,6 +85,19 @@ pub fn points<'a, B: Iterator<Item = &'a Band>>(arms: impl Iterator<Item = B>) -
     let varied: BTreeSet<usize> = counts.filter(|counts| counts.len() > 1).flatten().collect();
     let ends = varied.first().zip(varied.last());
     ends.map_or(String::new(), |(least, most)| format!("Points are of {least} to {most} seeds."))
+}
+
+/// What the bars at probabilities of improvement are, of comparisons of as few runs as this.
+pub fn improvements(analysis: &Analysis, arms: &[usize], fewest: usize) -> String {
+    let confidence = 100.0 * analysis.conventions.bootstrap.confidence;
+    let sentence = if fewest < FEW {
+        format!(
+            "Bars: {confidence:.0}% intervals, exact (Clopper–Pearson), of as many pairs as the smaller arm has seeds."
+        )
+    } else {
+        format!("Bars: {confidence:.0}% intervals, percentile bootstrap over seeds.")
+    };
+    without_interval(analysis, arms, &sentence, "interval")
 }
 
 /// What the bars at shares of pairs are.

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use rl_stats::Estimate;
+use rl_stats::few::{FEW, LEAST_STUDENTISED};
+use rl_stats::{Bootstrap, Estimate};
 
 use crate::report::analysis::Analysis;
 
@@ -19,18 +20,52 @@ pub fn level_names(analysis: &Analysis, levels: &[usize]) -> String {
 
 /// What an interval is, once for all tables that have some; names the arms that have estimates without one.
 pub fn interval_note<'a>(analysis: &Analysis, estimates: impl Iterator<Item = (usize, &'a Estimate)>) -> String {
-    let bootstrap = analysis.conventions.bootstrap;
-    let mut note = format!(
-        "[low, high]: {:.0}% interval over seeds, percentile bootstrap with {} resamples.",
-        100.0 * bootstrap.confidence,
-        bootstrap.resamples
-    );
-    let alone: BTreeSet<usize> = estimates.filter(|(_, estimate)| estimate.runs == 1).map(|(arm, _)| arm).collect();
+    let estimates: Vec<(usize, &Estimate)> = estimates.collect();
+    let bootstrap = &analysis.conventions.bootstrap;
+    let mut note = match method(bootstrap, estimates.iter().map(|(_, estimate)| estimate.runs)) {
+        Some(method) => {
+            format!("[low, high]: {:.0}% interval of the mean over seeds, {method}.", 100.0 * bootstrap.confidence)
+        }
+        None => String::new(),
+    };
+    let alone = estimates.iter().filter(|(_, estimate)| estimate.runs == 1).map(|(arm, _)| *arm);
+    let alone: BTreeSet<usize> = alone.collect();
     let alone: Vec<&str> = alone.into_iter().map(|arm| analysis.arms[arm].name.as_str()).collect();
     if !alone.is_empty() {
-        note += &format!(" One seed has no interval: {}.", alone.join(", "));
+        let space = if note.is_empty() { "" } else { " " };
+        note += &format!("{space}One seed has no interval: {}.", alone.join(", "));
     }
     note
+}
+
+/// How intervals of means over so many seeds are made; none where all are of one seed.
+pub fn method(bootstrap: &Bootstrap, seeds: impl Iterator<Item = usize>) -> Option<String> {
+    let (mut student, mut studentised, mut percentile) = (false, false, false);
+    for seeds in seeds.filter(|seeds| *seeds > 1) {
+        student |= seeds < LEAST_STUDENTISED;
+        studentised |= (LEAST_STUDENTISED..FEW).contains(&seeds);
+        percentile |= seeds >= FEW;
+    }
+    let resamples = bootstrap.resamples;
+    let each = [
+        (student, "Student's t".to_owned(), "of 2 or 3 seeds".to_owned()),
+        (studentised, "studentised bootstrap".to_owned(), format!("of {LEAST_STUDENTISED} to {}", FEW - 1)),
+        (percentile, "percentile bootstrap".to_owned(), format!("of {FEW} or more")),
+    ];
+    let used: Vec<(String, String)> = each.into_iter().filter(|(is, ..)| *is).map(|(_, name, of)| (name, of)).collect();
+    let names = match &used[..] {
+        [] => return None,
+        [(name, _)] => name.clone(),
+        several => several.iter().map(|(name, of)| format!("{name} {of}")).collect::<Vec<_>>().join(", "),
+    };
+    Some(if studentised || percentile { format!("{names} ({resamples} resamples)") } else { names })
+}
+
+/// That the intervals of what is no mean are percentile intervals, which promise too much with few seeds.
+pub fn percentile_note(what: &str, seeds: impl Iterator<Item = usize>) -> String {
+    let seeds: Vec<usize> = seeds.filter(|seeds| *seeds > 1).collect();
+    let few = if seeds.iter().any(|seeds| *seeds < FEW) { ", too narrow with few seeds" } else { "" };
+    if seeds.is_empty() { String::new() } else { format!("{what}: percentile bootstrap{few}.") }
 }
 
 /// What the number after ± is, in a table of so many seeds.

@@ -1,0 +1,115 @@
+"""seeds.csv, computed from the files of the runs themselves."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+from . import numbers as n
+from .report import BEFORE, Checks, Report
+from .tables import THRESHOLDS
+
+Key = tuple[str, str, int, int, str, str]
+
+
+def seeds(report: Report, roots: list[Path], checks: Checks) -> None:
+    """Compares every row of seeds.csv with what the runs below these folders say."""
+    with (report.directory / "seeds.csv").open(encoding="utf-8", newline="") as file:
+        stage = lambda row: int(row["stage"]) if row["stage"] else BEFORE  # noqa: E731
+        written = {
+            (row["arm"], row["sequence"], int(row["seed"]), stage(row), row["level"], row["measure"]): row["value"]
+            for row in csv.DictReader(file)
+        }
+    found = {manifest.parent for root in roots for manifest in root.rglob("manifest.json")}
+    computed: dict[Key, float] = {}
+    for run in report.json["runs"]:
+        # The report may have been made from another folder: arm, sequence and seed end every path.
+        end = Path(run["path"]).parts[-3:]
+        same = [path for path in found if path.resolve().parts[-3:] == end]
+        if len(same) != 1:
+            checks.differences.append(f"{run['path']}: {len(same)} runs of this name are there")
+            continue
+        computed.update(_of_run(report, report.arms[run["arm"]], same[0]))
+    for key in sorted(written.keys() | computed.keys()):
+        checks.number(f"seeds.csv: {key}", written.get(key), computed.get(key))
+
+
+def _of_run(report: Report, arm: str, path: Path) -> Iterator[tuple[Key, float]]:
+    manifest = json.loads((path / "manifest.json").read_text(encoding="utf-8"))
+    done = manifest["stages_done"]
+    levels = {level["name"]: level for level in report.json["levels"]}
+    key = lambda stage, level, measure: (  # noqa: E731
+        arm, manifest["curriculum"], manifest["seed"], stage, level, measure,
+    )  # fmt: skip
+    episodes: dict[tuple[int, str], list[dict[str, str]]] = defaultdict(list)
+    for row in _rows(path / "evaluations.csv"):
+        stage = int(row["stage"]) if row["phase"] == "after" else BEFORE
+        if stage < done and row["level"] in levels:
+            episodes[stage, row["level"]].append(row)
+    for (stage, level), rows in episodes.items():
+        for measure, value in _evaluation(levels[level], rows):
+            yield key(stage, level, measure), value
+    for stage, entry in enumerate(manifest["stages"][:done]):
+        level = entry["level"]
+        yield key(stage, level, "timesteps"), entry["timesteps"]
+        curve = [
+            (float(row["time/total_timesteps"]), float(row["rollout/ep_rew_mean"] or "nan"))
+            for row in _rows(path / "progress.csv")
+            if int(row["stage"]) == stage
+        ]
+        curve = [(time, _normalised(levels[level], value)) for time, value in curve if not math.isnan(value)]
+        if curve and curve[0][1] is not None:
+            for measure, value in _curve(curve):
+                yield key(stage, level, measure), value
+        last: dict[str, str] = {}
+        for row in _rows(path / "plasticity.csv"):
+            last = row if int(row["stage"]) == stage else last
+        for measure, value in last.items():
+            if measure not in ("stage", "level", "timesteps", "cumulative_timesteps") and not math.isnan(float(value)):
+                yield key(stage, level, measure), float(value)
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def _normalised(level: dict, value: float) -> float | None:
+    """The share of the way from the worst return, -1 a step, to the mean optimum."""
+    if level["optimal"] is None:
+        return None
+    worst = -max(level["max_steps"], 1)
+    return (value - worst) / (n.mean([start["return"] for start in level["optimal"]["starts"]]) - worst)
+
+
+def _evaluation(level: dict, rows: list[dict[str, str]]) -> Iterator[tuple[str, float]]:
+    returns, lengths = ([float(row[column]) for row in rows] for column in ("return", "length"))
+    solved = [row["solved"] == "true" for row in rows]
+    yield "return", n.mean(returns)
+    yield "return_std", n.deviation(returns)
+    yield "solved_share", n.mean(solved)
+    yield "length", n.mean(lengths)
+    if level["optimal"] is None:
+        return
+    yield "normalised_return", _normalised(level, n.mean(returns))
+    optimal = {"{} {}".format(*start["start"]): start["length"] for start in level["optimal"]["starts"]}
+    best = [optimal[row["start"]] for row in rows]
+    yield "steps", sum(lengths) / sum(best)
+    if any(solved):
+        both = [(length, least) for length, least, is_solved in zip(lengths, best, solved) if is_solved]
+        yield "steps_solved", sum(length for length, _ in both) / sum(least for _, least in both)
+
+
+def _curve(curve: list[tuple[float, float]]) -> Iterator[tuple[str, float]]:
+    (first, value), (last, _) = curve[0], curve[-1]
+    steps = zip(curve, curve[1:])
+    area = sum((later - time) * (after + before) / 2 for (time, before), (later, after) in steps)
+    yield "area", area / (last - first) if last > first else value
+    for threshold in THRESHOLDS:
+        yield f"time_to_{threshold}", next((time for time, v in curve if v >= float(threshold)), math.inf)
