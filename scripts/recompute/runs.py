@@ -53,22 +53,19 @@ def _of_run(report: Report, arm: str, path: Path) -> Iterator[tuple[Key, float]]
     for (stage, level), rows in episodes.items():
         for measure, value in _evaluation(levels[level], rows):
             yield key(stage, level, measure), value
+    progress, plasticity = _by_stage(path / "progress.csv"), _by_stage(path / "plasticity.csv")
     for stage, entry in enumerate(manifest["stages"][:done]):
         level = entry["level"]
         yield key(stage, level, "timesteps"), entry["timesteps"]
         curve = [
             (float(row["time/total_timesteps"]), float(row["rollout/ep_rew_mean"] or "nan"))
-            for row in _rows(path / "progress.csv")
-            if int(row["stage"]) == stage
+            for row in progress[stage]
         ]
         curve = [(time, _normalised(levels[level], value)) for time, value in curve if not math.isnan(value)]
         if curve and curve[0][1] is not None:
             for measure, value in _curve(curve):
                 yield key(stage, level, measure), value
-        last: dict[str, str] = {}
-        for row in _rows(path / "plasticity.csv"):
-            last = row if int(row["stage"]) == stage else last
-        for measure, value in last.items():
+        for measure, value in (plasticity[stage] or [{}])[-1].items():
             if measure not in ("stage", "level", "timesteps", "cumulative_timesteps") and not math.isnan(float(value)):
                 yield key(stage, level, measure), float(value)
 
@@ -78,6 +75,13 @@ def _rows(path: Path) -> list[dict[str, str]]:
         return []
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
+
+
+def _by_stage(path: Path) -> dict[int, list[dict[str, str]]]:
+    stages: dict[int, list[dict[str, str]]] = defaultdict(list)
+    for row in _rows(path):
+        stages[int(row["stage"])].append(row)
+    return stages
 
 
 def _normalised(level: dict, value: float) -> float | None:
