@@ -73,10 +73,10 @@ impl StudyArgs {
         let experiments = planned.into_iter().map(make).collect::<Result<Vec<_>>>()?;
         let engine = |config: &_| self.launch.engine(config);
         let estimate = Estimate::new(&study.name, &experiments, self.launch.jobs(), engine)?;
-        tell(estimate.summary());
         if self.estimate {
             return estimate.print(self.format);
         }
+        tell(estimate.summary());
         let outcomes = carry_out(&experiments, self.launch.jobs(), verbosity, |_| {})?;
         let out = self.launch.out(&out);
         if outcomes.iter().any(|outcome| !outcome.finished.is_empty()) {

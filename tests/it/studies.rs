@@ -125,6 +125,35 @@ fn a_dose_curve_is_trained() {
 }
 
 #[test]
+fn sixty_generated_levels_are_trained_and_kept() {
+    let sandbox = trained("generated-60", "--timesteps 64");
+    let manifest = sandbox.run("generated-60/ppo/curriculum/seed-0").manifest();
+    let stages = manifest["stages"].as_array().expect("stages");
+    assert_eq!(stages.len(), 60);
+    let last = &stages[59];
+    assert_eq!(last["level"], "generated-8x8-w13-t8-s59");
+    // The run has the map itself; the generator still makes the same one.
+    let made = sandbox.succeeds("levels generate --seed 59").stdout;
+    let map = last["map"].as_str().expect("a map");
+    assert!(map.lines().all(|row| made.contains(row)) && map.lines().count() == 8, "{map}\n{made}");
+}
+
+#[test]
+fn seeds_begin_at_places_of_their_own() {
+    let sandbox = Sandbox::new();
+    sandbox.write(
+        "s.yaml",
+        "name: s\nlevels: [a.yaml, b.yaml]\nsequence: {shift: by-seed, timesteps: 64}\n\
+         arms: [{config: ppo.yaml, trains: [curriculum]}]\n",
+    );
+    sandbox.succeeds("study s.yaml --num-seeds 3");
+    for (run, first) in [("order-ab/seed-0", "a"), ("order-ba/seed-1", "b"), ("order-ab/seed-2", "a")] {
+        assert_eq!(sandbox.run(&format!("s/ppo/{run}")).manifest()["stages"][0]["level"], first);
+    }
+    sandbox.succeeds("compare runs/s --out report");
+}
+
+#[test]
 fn orders_lie_in_folders_of_their_own_and_resume() {
     let sandbox = Sandbox::new();
     sandbox.write(
@@ -146,6 +175,7 @@ fn orders_lie_in_folders_of_their_own_and_resume() {
     assert_eq!(stages("level-a"), [("a".to_owned(), 128)]);
     let again = sandbox.succeeds("study s.yaml --seeds 0,1 --resume").stderr;
     assert!(again.contains("0 timesteps to go"), "{again}");
+    sandbox.succeeds("compare runs/s --out report");
     // The first order is that of `curriculum`, and the same bytes.
     sandbox.succeeds("curriculum --config ppo.yaml --levels a.yaml,b.yaml --timesteps 64,128 --seeds 1 --out alone");
     let [one, other] =

@@ -110,8 +110,8 @@ fn a_seed_that_fails_keeps_no_other_from_training() {
 #[test]
 fn an_estimate_trains_nothing() {
     let sandbox = sandbox();
-    let stderr = sandbox.succeeds("study study.yaml --num-seeds 1 --jobs 3 --estimate").stderr;
-    assert!(stderr.contains("tiny: 5 runs of 5 experiments, 1536 timesteps to go: about "), "{stderr}");
-    assert!(stderr.contains("on 3 threads") && stderr.contains("dqn ") && stderr.contains("ppo "), "{stderr}");
+    let stdout = sandbox.succeeds("study study.yaml --num-seeds 1 --jobs 3 --estimate").stdout;
+    assert!(stdout.contains("tiny: 5 runs of 5 experiments, 1536 timesteps to go: about "), "{stdout}");
+    assert!(stdout.contains("on 3 threads") && stdout.contains("dqn ") && stdout.contains("ppo "), "{stdout}");
     assert!(!sandbox.path("runs").exists());
 }

@@ -14,6 +14,7 @@ use crate::agent::config::Config;
 use crate::agent::engine::EngineKind;
 use crate::cli::output::write_stdout;
 use crate::experiment::estimate::{measure_rate, trial_of_each};
+use crate::messages::tell;
 use crate::report::{Cell, Format, Table};
 use crate::run::manifest::Manifest;
 use crate::training::{Experiment, Work, queue, seconds_until_done};
@@ -125,7 +126,7 @@ impl Estimate {
         )
     }
 
-    /// Prints every run.
+    /// Prints every run, and what people are to know beside the list.
     ///
     /// # Errors
     /// A stdout that cannot be written.
@@ -133,7 +134,11 @@ impl Estimate {
         write_stdout(&match format {
             Format::Json => serde_json::to_string(self)? + "\n",
             format => self.table(format).render(format),
-        })
+        })?;
+        if matches!(format, Format::Json | Format::Csv) {
+            tell(self.summary());
+        }
+        Ok(())
     }
 
     fn table(&self, format: Format) -> Table {
@@ -196,7 +201,8 @@ fn counted(count: usize, what: &str) -> String {
 
 /// Timesteps that a seed has still to do, of stages which it has not finished or which are to become longer.
 fn timesteps_left(experiment: &Experiment, seed: u64) -> u64 {
-    let manifest = Manifest::read(&experiment.run_path(seed)).ok().filter(|_| experiment.resume);
+    // Without --resume nothing may be there.
+    let manifest = experiment.resume.then(|| Manifest::read(&experiment.run_path(seed)).ok()).flatten();
     let finished = manifest.map_or_else(Vec::new, |manifest| {
         let finished = manifest.stages.iter().take(manifest.stages_done.into());
         finished.map(|stage| stage.timesteps).collect()

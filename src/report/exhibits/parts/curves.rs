@@ -43,10 +43,10 @@ pub fn planners(level: &LevelInfo) -> Vec<Reference> {
     PLANNERS.into_iter().filter_map(line).collect()
 }
 
-/// The learning curve of an arm on one level, in timesteps of that level.
+/// The learning curve of an arm on one level, in timesteps of that level: of its first stage there.
 pub fn on_level(arm: &Arm, level: usize, name: &str, style: Style) -> Curve {
     let mut curve = Curve::new(name, style);
-    for stage in arm.curves.iter().filter(|curve| curve.level == level) {
+    if let Some(stage) = arm.curves.iter().find(|curve| curve.level == level) {
         Track::from(stage).append(&mut curve, Seeds::Shown, |timesteps| timesteps, |value| value);
     }
     curve
@@ -68,13 +68,15 @@ pub fn panel_per_level(
     };
     let longest = arms.iter().flat_map(|arm| levels.iter().filter_map(|&level| trained_for(arm, level)));
     let longest = longest.fold(0.0, f64::max);
+    let is_first = |(place, level): &(usize, &usize)| !levels[..*place].contains(level);
+    let levels = levels.iter().enumerate().filter(is_first).map(|(_, level)| level);
     CurveChart {
         about,
         layout: Layout { width: Width::Page, columns: 3, panel_height: 95.0 },
         // Curves begin with the first row of a log, training at 0.
         x: Axis { range: Some((0.0, longest)), ..Axis::new("timesteps on the level") },
         y: Axis::new(RETURN),
-        panels: levels.iter().map(panel).collect(),
+        panels: levels.map(panel).collect(),
         ..CurveChart::default()
     }
 }
