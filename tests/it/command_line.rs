@@ -95,12 +95,7 @@ fn levels() {
         ("levels check 0 letter.yaml", &["letter.yaml", "1 of 2 levels are not valid"]),
         ("levels generate --height 1 --width 1", &["no such level is possible"]),
         ("curriculum --algo ppo --levels a.yaml,narrow.yaml", &["level a is 3×4", "level narrow is 2×3", "--levels"]),
-        (
-            "curriculum --algo ppo --levels 0,1,0 --timesteps 5,6",
-            &["--timesteps: expected one number, or a list of 3, got a list of 2"],
-        ),
-        ("curriculum --algo ppo --levels 0,1 --timesteps 5,", &["--timesteps", "one for each stage such as"]),
-        ("curriculum --algo ppo --levels 0,1 --timesteps 5,0", &["--timesteps", "numbers from 1 to", "got 0"]),
+        ("curriculum --algo ppo --levels 0,1,0", &["level 0 is listed twice", "--levels"]),
     ]);
 }
 
@@ -152,7 +147,7 @@ fn models() {
 #[test]
 fn help_and_version_succeed() {
     let sandbox = Sandbox::new();
-    let commands = ["train", "curriculum", "study", "eval", "baseline", "runs", "compare", "levels", "config"];
+    let commands = ["train", "curriculum", "study", "eval", "baseline", "runs", "compare", "levels"];
     let help = sandbox.succeeds("--help").stdout;
     for command in commands {
         assert!(help.contains(command));
@@ -167,7 +162,7 @@ fn without_libtorchs_program_its_engine_is_refused_with_the_remedy() {
     let sandbox = Sandbox::new();
     std::fs::copy(PROGRAM, sandbox.path("alone")).expect("the folder is writable");
     let train = "train --config ppo.yaml --level a.yaml --quiet";
-    for (option, named) in [("--set engine=libtorch", "engine=libtorch"), ("--device cuda", "--device cuda")] {
+    for (option, named) in [("--set engine=libtorch", "engine=libtorch"), ("--device cuda", "--device cuda:0")] {
         let mut command = Command::new(sandbox.path("alone"));
         command.args(train.split(' ')).args(option.split(' ')).current_dir(sandbox.path("."));
         let output = command.output().expect("it starts");
