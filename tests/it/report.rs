@@ -390,7 +390,7 @@ fn an_independent_program_computes_the_main_tables_again() {
         let mut lines: Vec<String> = whole.lines().map(str::to_owned).collect();
         let mut fields: Vec<String> = lines[1].split(',').map(str::to_owned).collect();
         // The last number of the row, a bound of an interval where the table has some.
-        let place = fields.iter().rposition(|field| field.contains('.')).expect("a number with decimals");
+        let place = fields.iter().rposition(|field| field.parse::<f64>().is_ok()).expect("a number");
         let number: f64 = fields[place].parse().expect("a number");
         fields[place] = (number + 0.001).to_string();
         lines[1] = fields.join(",");

@@ -175,11 +175,24 @@ impl Resamples {
     }
 }
 
-/// The percentile interval of a bootstrap distribution, which is sorted on the way.
+/// The percentile interval of a bootstrap distribution, which is put into another order on the way.
 pub fn percentile_interval(distribution: &mut [f64], confidence: f64) -> Interval {
-    distribution.sort_unstable_by(f64::total_cmp);
     let tail = (1.0 - confidence) / 2.0;
-    Interval { low: quantile(distribution, tail), high: quantile(distribution, 1.0 - tail) }
+    let [low, high] = quantiles(distribution, [tail, 1.0 - tail]);
+    Interval { low, high }
+}
+
+/// [`quantile`] at each of these shares of values in any order, which are put into another one on the way. It takes a
+/// fraction of a sort's time.
+pub(crate) fn quantiles<const N: usize>(values: &mut [f64], shares: [f64; N]) -> [f64; N] {
+    shares.map(|share| {
+        let Some(last) = values.len().checked_sub(1) else { return f64::NAN };
+        let place = share * last as f64;
+        let (_, below, rest) = values.select_nth_unstable_by(place.floor() as usize, f64::total_cmp);
+        let next = || rest.iter().copied().min_by(f64::total_cmp);
+        let above = if place.fract() > 0.0 { next().unwrap_or(*below) } else { *below };
+        between(*below, above, place.fract())
+    })
 }
 
 /// The quantile at `share` of ascending values, interpolated linearly between neighbours (Hyndman & Fan's type 7,
@@ -187,8 +200,11 @@ pub fn percentile_interval(distribution: &mut [f64], confidence: f64) -> Interva
 pub fn quantile(sorted: &[f64], share: f64) -> f64 {
     let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
     let place = share * last as f64;
-    let (below, part) = (sorted[place.floor() as usize], place.fract());
-    let above = sorted[place.ceil() as usize];
+    between(sorted[place.floor() as usize], sorted[place.ceil() as usize], place.fract())
+}
+
+/// The value at this part of the way between two neighbours.
+fn between(below: f64, above: f64, part: f64) -> f64 {
     // Of two infinities there is no difference to interpolate.
     if part == 0.0 || below == above { below } else { below + part * (above - below) }
 }
@@ -205,6 +221,10 @@ mod tests {
         assert_eq!(quantile(&values, 0.25), 1.75);
         assert_eq!(quantile(&[1.0, f64::INFINITY, f64::INFINITY], 0.75), f64::INFINITY);
         assert!(quantile(&[], 0.5).is_nan());
+        let shares = [0.0, 0.025, 0.25, 0.5, 0.975, 1.0];
+        let mut shuffled = [8.0, 1.0, 4.0, 2.0];
+        assert_eq!(quantiles(&mut shuffled, shares), shares.map(|share| quantile(&values, share)));
+        assert!(quantiles(&mut [], [0.5])[0].is_nan());
     }
 
     #[test]

@@ -5,8 +5,8 @@
 //! [`prediction_interval`] tells where one new run may fall. docs/metrics.md has the coverage of all of them, which
 //! `cargo run --release --package rl-stats --example coverage` simulates.
 
-use crate::bootstrap::percentile_interval;
-use crate::{Bootstrap, Interval, Resamples, quantile};
+use crate::bootstrap::{percentile_interval, quantiles};
+use crate::{Bootstrap, Interval, Resamples};
 
 /// With fewer values than this, percentile intervals promise too much.
 pub const FEW: usize = 30;
@@ -100,11 +100,10 @@ fn studentised_from(resamples: &Resamples, confidence: f64, values: &[f64]) -> O
         if other == mean { 0.0 } else { (other - mean) / (spread / root) }
     };
     let mut away = resamples.of_one(values, errors_away);
-    away.sort_unstable_by(f64::total_cmp);
     let tail = (1.0 - confidence) / 2.0;
     // What lies high above its own mean makes the lower bound, and the other way round.
-    let bound = |share: f64| mean - quantile(&away, share) * deviation / root;
-    Some(Interval { low: bound(1.0 - tail), high: bound(tail) })
+    let [low, high] = quantiles(&mut away, [1.0 - tail, tail]).map(|quantile| mean - quantile * deviation / root);
+    Some(Interval { low, high })
 }
 
 /// The two-sided p-value of Student's test that the mean is 0; of paired differences it is the paired test.
@@ -125,11 +124,13 @@ pub fn t_quantile(probability: f64, degrees: usize) -> f64 {
         high *= 2.0;
     }
     // Bisection to the last bit.
-    for _ in 0..2 * f64::MANTISSA_DIGITS {
+    loop {
         let middle = (low + high) / 2.0;
+        if middle <= low || middle >= high {
+            return high;
+        }
         if t_below(middle, degrees) < probability { low = middle } else { high = middle }
     }
-    high
 }
 
 /// The probability that Student's t with `degrees` degrees of freedom is below `t` ≥ 0: a finite sum in the angle

@@ -25,7 +25,10 @@ mod pairs;
 mod run;
 mod seed_values;
 
+use std::num::NonZero;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
 
 use anyhow::Result;
 use serde::Serialize;
@@ -49,6 +52,7 @@ use super::foreign::ForeignCurve;
 use super::published::{PAPER, Published};
 use crate::error::UserError;
 use bands::Bands;
+use groups::Group;
 use run::Run;
 
 /// What a set of runs says.
@@ -84,6 +88,26 @@ pub struct Analysis {
     pub seed_values: Vec<SeedValue>,
 }
 
+/// The arm of every group, on all cores: resampling takes most of an analysis's time.
+fn arms(groups: &[Group], levels: &[LevelInfo], conventions: &Conventions) -> Vec<Arm> {
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let (mut bands, mut arms) = (Bands::new(conventions.curve_bootstrap), Vec::new());
+        loop {
+            let place = next.fetch_add(1, Ordering::Relaxed);
+            let Some(group) = groups.get(place) else { return arms };
+            arms.push((place, Arm::new(group, levels, &conventions.bootstrap, &mut bands)));
+        }
+    };
+    let threads = thread::available_parallelism().map_or(1, NonZero::get).min(groups.len());
+    let mut arms: Vec<(usize, Arm)> = thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+        workers.into_iter().flat_map(|worker| worker.join().expect("an arm can be summed up")).collect()
+    });
+    arms.sort_by_key(|(place, _)| *place);
+    arms.into_iter().map(|(_, arm)| arm).collect()
+}
+
 impl Analysis {
     /// Reads all runs in and below these directories. Logs are streamed: what is kept of a run does not grow with its
     /// length. A run that cannot be read is left out, and named.
@@ -113,9 +137,7 @@ impl Analysis {
     fn new(levels: Vec<LevelInfo>, runs: &[Run], left_out: Vec<LeftOut>) -> Result<Self, UserError> {
         let groups = groups::groups(runs)?;
         let conventions = Conventions::default();
-        let mut bands = Bands::new(conventions.curve_bootstrap);
-        let arms: Vec<Arm> =
-            groups.iter().map(|group| Arm::new(group, &levels, &conventions.bootstrap, &mut bands)).collect();
+        let arms = arms(&groups, &levels, &conventions);
         let mut warnings: Vec<String> = runs.iter().flat_map(Run::warnings).collect();
         warnings.extend(left_out.iter().map(|LeftOut { why, .. }| format!("left out: {why}")));
         warnings.extend(groups.iter().filter_map(groups::weak_dose));

@@ -38,6 +38,11 @@ pub trait Exhibit {
     /// Its tables; those without rows are left out.
     fn tables(&self, analysis: &Analysis) -> Vec<NamedTable>;
 
+    /// Whether its figures can be read with [`MOST_ARMS`](super::MOST_ARMS) arms and more.
+    fn fits_many_arms(&self) -> bool {
+        false
+    }
+
     /// Its figures.
     fn figures(&self, analysis: &Analysis) -> Vec<NamedFigure> {
         let _ = analysis;

@@ -33,6 +33,10 @@ impl Exhibit for Levels {
         vec![NamedTable::new(TABLE, planners(analysis))]
     }
 
+    fn fits_many_arms(&self) -> bool {
+        true
+    }
+
     fn figures(&self, analysis: &Analysis) -> Vec<NamedFigure> {
         maps(analysis).into_iter().collect()
     }

@@ -27,6 +27,9 @@ use super::names::make_unique;
 use super::published::TITLE;
 use super::table::{Cell, Table};
 
+/// With more arms than this, figures with a line or a panel per arm are left out: nobody could read them.
+pub const MOST_ARMS: usize = 30;
+
 /// Every exhibit, in the order of a report.
 pub fn all(analysis: &Analysis) -> Vec<Box<dyn Exhibit>> {
     let mut all: Vec<Box<dyn Exhibit>> = vec![
@@ -61,8 +64,11 @@ pub struct Section {
 
 /// The sections of these exhibits, with names that no two tables, nor two figures, have in common.
 pub fn sections(analysis: &Analysis, exhibits: &[Box<dyn Exhibit>]) -> Vec<Section> {
-    let section =
-        |exhibit: &dyn Exhibit| Section { tables: shown(exhibit.tables(analysis)), figures: exhibit.figures(analysis) };
+    let has_figures = |exhibit: &dyn Exhibit| analysis.arms.len() <= MOST_ARMS || exhibit.fits_many_arms();
+    let section = |exhibit: &dyn Exhibit| Section {
+        tables: shown(exhibit.tables(analysis)),
+        figures: if has_figures(exhibit) { exhibit.figures(analysis) } else { Vec::new() },
+    };
     let mut all: Vec<Section> = exhibits.iter().map(|exhibit| section(exhibit.as_ref())).collect();
     make_unique(all.iter_mut().flat_map(|section| &mut section.tables).map(|table| &mut table.name));
     make_unique(all.iter_mut().flat_map(|section| &mut section.figures).map(|figure| &mut figure.name));

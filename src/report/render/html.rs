@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use charts::html::{Block, Column, Figure, Page, Section, Span, Table as HtmlTable, Text};
 
 use crate::report::analysis::{Analysis, Arm, Protocol};
-use crate::report::exhibits::{Definition, Exhibit, MISSING, NamedFigure, NamedTable, Section as Shown};
+use crate::report::exhibits::{Definition, Exhibit, MISSING, MOST_ARMS, NamedFigure, NamedTable, Section as Shown};
 use crate::report::table::{Cell, Table};
 use crate::run::manifest::{Status, Versions};
 
@@ -66,6 +66,13 @@ fn introduction(analysis: &Analysis, command: &str) -> Vec<Block> {
         plain("."),
     ]);
     let mut blocks = vec![Block::from(summary.as_str()), Block::Table(arms(analysis)), Block::Paragraph(made)];
+    if analysis.arms.len() > MOST_ARMS {
+        let text = format!(
+            "There are more than {MOST_ARMS} arms, so that figures with a line or a panel for each are \
+                            left out. The tables have their numbers."
+        );
+        blocks.push(Block::from(text.as_str()));
+    }
     let (warnings, missing) = (&analysis.warnings, analysis.missing.len() + analysis.left_out.len());
     if warnings.len() <= MOST_AT_THE_TOP {
         blocks.extend(warnings.iter().map(|warning| Block::Warning(warning.as_str().into())));
