@@ -131,7 +131,8 @@ fn imports(root: &Path) -> BTreeMap<Vec<String>, BTreeSet<Vec<String>>> {
             lengths.map(|length| path[..length].to_vec()).find(|module| modules.contains(module))
         };
         let to = used(&code(path)).into_iter().filter_map(absolute).filter_map(file_of);
-        let to = to.filter(|to| *to != from && !to.is_empty()).collect();
+        // A module and what is declared in it are one room.
+        let to = to.filter(|to| !to.starts_with(&from) && !from.starts_with(to)).collect();
         (from, to)
     };
     files.iter().map(of_file).collect()
