@@ -195,7 +195,7 @@ fn last_agent(
     let own = (origin.seed, origin.stage, origin.level) == (Some(manifest.seed), Some(last), level);
     let copies = plan.config.algorithm.copies();
     let whole = has_adam && copies.iter().all(|&name| agent.kept.copies.contains_key(name));
-    // Of another size it would be refused later, together with all seeds that it is to be stacked with.
+    // Of another size it would be refused later, together with all seeds that it is computed together with.
     let alike = sensor.name() == plan.config.shared.sensor.name() && found.tensors() == network.tensors();
     if !own || !whole || !alike {
         return Err(needed(format_args!("{}: not the checkpoint that this run wrote", file.display())));

@@ -160,16 +160,16 @@ impl Run {
 }
 
 impl Cohort<'_> {
-    /// Says where seeds that were stacked with others go on without them, since a kill left them at another timestep.
+    /// Says where seeds that were computed together with others go on without them, since a kill left them at another timestep.
     fn tell_of_other_company(&self, seeds: usize) {
         let first = &self.runs[0];
-        let stacked = self.experiment.engine.joins_seeds();
-        if !stacked || self.runs.len() == seeds || first.agent.counters.timesteps == 0 {
+        let joined = self.experiment.engine.joins_seeds();
+        if !joined || self.runs.len() == seeds || first.agent.counters.timesteps == 0 {
             return;
         }
         let together: Vec<String> = self.runs.iter().map(|run| run.seed.to_string()).collect();
         let what = format!(
-            "it goes on with {} of the {seeds} seeds that it is stacked with ({}), since the others stand elsewhere: its \
+            "it goes on with {} of the {seeds} seeds that it is computed with ({}), since the others stand elsewhere: its \
              numbers will differ by rounding",
             together.len(),
             together.join(", ")

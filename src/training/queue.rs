@@ -48,16 +48,16 @@ mod tests {
     }
 
     #[test]
-    fn the_longest_comes_first_and_stacked_seeds_stay_together() {
-        let experiment = |curriculum, backend| Experiment::example(curriculum, &[3, 4, 5, 7, 9], backend);
-        let stacked = EngineKind::Libtorch(Device::Cpu);
+    fn the_longest_comes_first_and_joined_seeds_stay_together() {
+        let experiment = |curriculum, engine| Experiment::example(curriculum, &[3, 4, 5, 7, 9], engine);
+        let joined = EngineKind::Libtorch(Device::Cpu);
         let experiments = [
             experiment(Curriculum::single(levels().remove(0), 1000), EngineKind::Fused),
             experiment(
                 Curriculum::sequence("two", levels().into_iter().map(|level| (level.into(), 600)).collect()).unwrap(),
-                stacked,
+                joined,
             ),
-            experiment(Curriculum::single(levels().remove(1), 1000), stacked),
+            experiment(Curriculum::single(levels().remove(1), 1000), joined),
         ];
         let queue = queue(&experiments, 2);
         let taken: Vec<(usize, &[u64])> = queue.iter().map(|work| (work.experiment, work.seeds)).collect();

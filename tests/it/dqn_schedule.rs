@@ -24,7 +24,7 @@ fn config(sets: &[&str]) -> Config {
     config::resolve(Some("dqn"), None, &sets, None).expect("valid settings")
 }
 
-/// Trains one seed through `stage`, from `agent` or afresh.
+/// Trains one seed through `stage`, from `agent` or from scratch.
 fn train(config: &Config, stage: &Stage, agent: Option<AgentState>) -> AgentState {
     let agent = agent.unwrap_or_else(|| config.agent(&stage.level, 5));
     let mut learner = agent::learner(config, stage, vec![agent], EngineKind::Fused);

@@ -46,7 +46,7 @@ pub(crate) struct Fake {
     pub(crate) status: fn(bool) -> Status,
     /// The commit that made it.
     pub(crate) commit: &'static str,
-    /// The instruction set of its kernel.
+    /// The instruction set of its engine.
     pub(crate) instruction_set: &'static str,
     /// Timesteps that its schedules span, if it was extended.
     pub(crate) horizon: Option<u64>,

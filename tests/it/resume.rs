@@ -49,7 +49,7 @@ fn killed_at_the_nth_snapshot_and_resumed_it_ends_the_same() {
 
 #[test]
 fn a_stopped_run_goes_on_in_the_midst_of_its_stage() {
-    // Seeds stacked as one tensor differ by rounding in other company, which is the same here.
+    // Seeds in one tensor differ by rounding in other company, which is the same here.
     for &engine in engines() {
         let timesteps = if engine == "fused" { 30_000 } else { 3000 };
         let sandbox = Sandbox::new();
@@ -261,7 +261,7 @@ fn a_damaged_run_is_refused_in_words() {
     assert!(error.contains("manifest.json is not a manifest"), "{error}");
 }
 
-/// Seeds that are stacked with another one do not fail with it.
+/// Seeds that are computed with another one do not fail with it.
 #[test]
 fn a_checkpoint_of_another_network_fails_its_own_seed_alone() {
     if !has_libtorch() {

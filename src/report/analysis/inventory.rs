@@ -39,7 +39,7 @@ pub struct RunInfo {
     pub damaged_rows: u64,
     /// The versions of cpp-rl that it was made by, over all its starts.
     pub versions: Vec<String>,
-    /// The instruction sets that its fused kernel used: results on another one differ by rounding.
+    /// The instruction sets that its fused engine used: results on another one differ by rounding.
     pub instruction_sets: Vec<String>,
 }
 

@@ -30,7 +30,7 @@ pub fn all() -> Vec<Example> {
         study("maps", "The five levels.", maps()),
         study("curriculum", "Return over the curriculum: mean, 95% interval and single seeds.", curriculum(&ARMS[..2])),
         study("curriculum-wide", "The same across the page, all arms.", wide_curriculum()),
-        study("afresh", "Curriculum against training afresh, level by level.", afresh()),
+        study("from-scratch", "Curriculum against training from scratch, level by level.", from_scratch()),
         study("plasticity", "Measures of plasticity.", plasticity()),
         study("final-returns", "Average return of each arm on each level.", final_returns()),
         study("continual", "Continual-learning measures.", continual()),
@@ -150,18 +150,18 @@ fn wide_curriculum() -> Drawing {
     .draw()
 }
 
-fn afresh() -> Drawing {
+fn from_scratch() -> Drawing {
     let panel = |level: usize| CurvePanel {
         title: format!("level {level}"),
         curves: vec![
             summarised("curriculum", 0, seeds_of(2, level..level + 1, 100)),
-            summarised("afresh", 1, seeds_of(1, level..level + 1, 100)),
+            summarised("from scratch", 1, seeds_of(1, level..level + 1, 100)),
         ],
         references: vec![Reference::across("A*", A_STAR[level]), Reference::across("optimum", OPTIMA[level])],
         ..CurvePanel::default()
     };
     CurveChart {
-        about: About::new("Curriculum against afresh", "The curriculum learns the later levels less well."),
+        about: About::new("Curriculum against from scratch", "The curriculum learns the later levels less well."),
         layout: Layout { width: Width::Page, columns: 3, panel_height: 90.0 },
         x: Axis::new("timesteps on the level"),
         y: Axis::new("return"),

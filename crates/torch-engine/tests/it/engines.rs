@@ -294,7 +294,7 @@ proptest! {
     }
 
     /// The observations beyond a rollout are as many as its episodes that were cut off, a number of each seed's own:
-    /// seeds with fewer are padded where they are stacked.
+    /// seeds with fewer are padded where they are computed together.
     #[test]
     fn forward_passes_of_unequal_length_do_not_mix(setting in settings("ppo"), lengths in [1..40_usize, 1..40, 1..40]) {
         let agents = setting.agents();
