@@ -22,7 +22,7 @@ pub enum Purpose {
     EvaluationActions,
     /// Starts and actions that gather the reference batch of a level, on which plasticity is measured.
     ReferenceStates,
-    /// What a mitigation draws after a gradient step: its own number, and how many steps the agent has made.
+    /// What a mitigation draws after a gradient step or, at step 0, at the beginning of a stage.
     Mitigation {
         /// The mitigation's; at most 1,000.
         number: u16,

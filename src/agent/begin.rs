@@ -40,8 +40,8 @@ impl Snapshot {
         if slices.into_iter().chain(agent.kept.copies.values()).any(|slice| slice.len() != parameters) {
             return wrong("the network has another size");
         }
-        if config.algorithm.copies().iter().any(|&name| !agent.kept.copies.contains_key(name)) {
-            return wrong("it belongs to another algorithm");
+        if config.copies().iter().any(|&name| !agent.kept.copies.contains_key(name)) {
+            return wrong("it belongs to another algorithm, or to other mitigations");
         }
         if position.timesteps > agent.counters.timesteps
             || !position.timesteps.is_multiple_of(shared.num_envs as u64)

@@ -7,7 +7,7 @@ use coverage_env::Level;
 use serde_json::{Map, Value};
 
 use super::algorithm::Algorithm;
-use super::engine::Parts;
+use super::engine::{Parts, Toward};
 use super::mitigation::{Listed, Mitigations, Regimen};
 use super::network::{Head, Network};
 use super::registry;
@@ -153,12 +153,21 @@ impl Config {
         Regimen::new(&self.mitigations, &self.shared.optimizer, network, stage.index, agents)
     }
 
+    /// The copies of its parameters that an agent carries in a stage, by name: the algorithm's, and what a pull draws to.
+    pub fn copies(&self) -> Vec<&'static str> {
+        let drawn_to = self.mitigations.pull().and_then(|pull| match pull.toward {
+            Toward::Zero(_) => None,
+            Toward::Copy(name) => Some(name),
+        });
+        self.algorithm.copies().iter().copied().chain(drawn_to).collect()
+    }
+
     /// What an engine is made of, for these agents on maps of this level's size.
     pub fn parts(&self, level: &Level, agents: Vec<AgentState>) -> Parts {
         Parts {
             network: self.network(level),
             optimizer: self.shared.optimizer.clone(),
-            pulls: self.mitigations.pulls(),
+            pull: self.mitigations.pull(),
             agents,
         }
     }
@@ -170,10 +179,10 @@ impl Config {
     pub fn check_size(&self, level: &Level) -> Result<(), String> {
         let cells = level.len();
         let parameters = self.num_parameters(level);
-        let copies = self.algorithm.copies();
-        let beside = match copies {
+        let copies = self.copies();
+        let beside = match &copies[..] {
             [] => "gradient and Adam's moments".to_owned(),
-            names => format!("gradient, Adam's moments and {} network", names.join(", ")),
+            names => format!("gradient, Adam's moments and copies ({})", names.join(", ")),
         };
         let hidden = &self.shared.hidden;
         let what = format!(

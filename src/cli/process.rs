@@ -63,7 +63,7 @@ fn run(cli: &Cli) -> Result<()> {
 }
 
 /// Ends the process without static destructors: libtorch's, where it is linked, take a third of the time that a short
-/// command takes. Whatever is of worth has been dropped by now.
+/// command takes. All files are closed by now.
 fn leave(code: i32) -> ! {
     // Nothing should be left in it: whoever prints flushes, and reports what could not be written.
     let _ = io::stdout().flush();

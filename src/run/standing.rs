@@ -193,7 +193,7 @@ fn last_agent(
     let Checkpoint { agent, origin, sensor, has_adam, network: found, .. } = Checkpoint::read(&file).map_err(needed)?;
     let level = manifest.stages.get(usize::from(last)).map(|stage| stage.level.clone());
     let own = (origin.seed, origin.stage, origin.level) == (Some(manifest.seed), Some(last), level);
-    let copies = plan.config.algorithm.copies();
+    let copies = plan.config.copies();
     let whole = has_adam && copies.iter().all(|&name| agent.kept.copies.contains_key(name));
     // Of another size it would be refused later, together with all seeds that it is computed together with.
     let alike = sensor.name() == plan.config.shared.sensor.name() && found.tensors() == network.tensors();

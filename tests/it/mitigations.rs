@@ -148,7 +148,8 @@ fn redo_recycles_what_pytorch_finds_dormant() {
 
 #[test]
 fn shrink_and_perturb_by_hand() {
-    let sets = ["mitigations=[shrink-perturb]", "shrink=0.25", "perturb=0.5", "hidden=[3]"].map(str::to_owned);
+    let sets = ["mitigations=[shrink-perturb]", "shrink_perturb_alpha=0.25", "shrink_perturb_beta=0.5", "hidden=[3]"]
+        .map(str::to_owned);
     let config = config::resolve(Some("ppo"), None, &sets, None).expect("valid settings");
     let stage = |index| Stage { index, level: level(), timesteps: 1, horizon: 1 };
     let agent = config.agent(&level(), 9);
@@ -159,6 +160,14 @@ fn shrink_and_perturb_by_hand() {
         assert_eq!(*after, 0.25 * before + 0.5 * new);
     }
     assert_eq!(switched.adam, agent.adam, "Adam goes on");
+
+    // What else is listed, and what it has counted, changes nothing of what is drawn.
+    let mut counted = agent.clone();
+    counted.kept.numbers.insert("mitigation/steps".to_owned(), 77);
+    let both =
+        ["mitigations=[shrink-perturb, redo]", "shrink_perturb_alpha=0.25", "shrink_perturb_beta=0.5", "hidden=[3]"];
+    let config = config::resolve(Some("ppo"), None, &both.map(str::to_owned), None).expect("valid settings");
+    assert_eq!(Snapshot::beginning(&config, &stage(2), counted).agent.parameters, switched.parameters);
 }
 
 /// A column of CReLU's units is reset as a whole: both values that leave it.

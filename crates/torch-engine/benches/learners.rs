@@ -44,7 +44,7 @@ fn ppo(criterion: &mut Criterion) {
     let minibatches = || order.chunks(settings.batch_size);
 
     for kind in ENGINES {
-        let mut group = criterion.benchmark_group(format!("ppo_{}", kind.name()));
+        let mut group = criterion.benchmark_group(format!("ppo_{}", name_of(kind)));
         let mut engine = engine_of(&config, kind);
         let mut step = |indices| engine.descend(&mut [&mut PpoLoss::new(settings, &rollout, indices)]);
         let mut next = minibatches().cycle();
@@ -84,7 +84,7 @@ fn dqn(criterion: &mut Criterion) {
     });
 
     for kind in ENGINES {
-        let mut group = criterion.benchmark_group(format!("dqn_{}", kind.name()));
+        let mut group = criterion.benchmark_group(format!("dqn_{}", name_of(kind)));
         let mut engine = engine_of(&config, kind);
         let mut step = || engine.descend(&mut [&mut DqnLoss::new(config.shared.gamma as f32, &transitions)]);
         group.bench_function("minibatch", |bencher| bencher.iter(&mut step));
@@ -113,6 +113,10 @@ fn evaluation(criterion: &mut Criterion) {
             });
         });
     }
+}
+
+fn name_of(kind: EngineKind) -> &'static str {
+    if kind.joins_seeds() { "libtorch" } else { "fused" }
 }
 
 /// The engine of one agent from scratch.

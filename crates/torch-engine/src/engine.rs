@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use bit_mlp::{Batch, BitBatch, Block};
 use cpp_rl::agent::engine::{
-    Device, Engine, Entry, GradientNorms, LayerUnits, Loss, Parts, Pass, Pull, Statement, Units, Weights,
+    Device, Engine, Entry, GradientNorms, LayerUnits, Loss, Parts, Pass, Pull, Statement, Toward, Units, Weights,
 };
 use cpp_rl::agent::network::{Network, Tower};
 use cpp_rl::agent::optimizer::OptimizerConfig;
@@ -50,10 +50,9 @@ pub struct TorchEngine {
 impl TorchEngine {
     /// Puts agents side by side.
     pub fn new(parts: Parts, device: Device) -> Self {
-        let Parts { network, optimizer, pulls, agents } = parts;
+        let Parts { network, optimizer, pull, agents } = parts;
         let device = crate::torch_device(device);
         let rows = |of: &dyn Fn(&AgentState) -> &[f32]| stack(agents.iter().map(of), device);
-        let pull = pulls.into_iter().next();
         let mut covered = vec![0.0f32; network.num_parameters()];
         match &pull {
             Some(pull) if !pull.covers_all => network.weights().into_iter().for_each(|w| covered[w].fill(1.0)),
@@ -83,15 +82,18 @@ impl TorchEngine {
         let of = |parameters: &Tensor| TowerViews::all(&self.network, parameters)[tower].activations(&inputs);
         match weights {
             Weights::Own => of(&self.parameters),
-            Weights::Copy(name) => tch::no_grad(|| of(self.copies.get(name).unwrap_or(&self.parameters))),
+            Weights::Copy(name) => tch::no_grad(|| of(&self.copies[name])),
         }
     }
 
     /// λ(θ − anchor) of the covered parameters, `[S, P]`.
     fn pull_gradient(&self, pull: &Pull) -> Tensor {
         let theta = self.parameters.detach();
-        let anchor = pull.anchor.as_ref().and_then(|name| self.copies.get(name));
-        pull.coefficient * anchor.map_or_else(|| theta.shallow_clone(), |anchor| &theta - anchor) * &self.covered
+        let away = match pull.toward {
+            Toward::Zero(_) => theta,
+            Toward::Copy(name) => theta - &self.copies[name],
+        };
+        pull.coefficient * away * &self.covered
     }
 
     /// One step of clipped Adam down the gradient of each seed's `loss`, `[S]`; returns the norms before clipping.
@@ -102,7 +104,13 @@ impl TorchEngine {
         let o = &self.optimizer;
         let mut gradient = gradients[0].shallow_clone();
         self.loss_norms = to_vec(&norms(&gradient));
-        let pulled = |entry| self.pull.as_ref().filter(|pull| pull.entry == entry);
+        let pulled = |entry| {
+            let enters = |toward| match toward {
+                Toward::Zero(own) => own == entry,
+                Toward::Copy(_) => entry == Entry::InLoss,
+            };
+            self.pull.as_ref().filter(|pull| enters(pull.toward))
+        };
         if let Some(pull) = pulled(Entry::InLoss) {
             gradient += self.pull_gradient(pull);
         }

@@ -14,7 +14,7 @@ pub enum EngineChoice {
     Auto,
     /// Gradients derived by hand, on the CPU.
     Fused,
-    /// libtorch with autograd, the seeds side by side in one tensor.
+    /// libtorch, which differentiates by itself, the seeds side by side in one tensor.
     Libtorch,
 }
 
@@ -60,7 +60,7 @@ impl fmt::Display for Device {
 pub enum EngineKind {
     /// Gradients derived by hand, on one core of the CPU.
     Fused,
-    /// libtorch with autograd on this device.
+    /// libtorch, which differentiates by itself, on this device.
     Libtorch(Device),
 }
 
@@ -85,21 +85,13 @@ impl EngineKind {
                 format!("--device {device}")
             };
             return Err(NoEngine::NotLinked(format!(
-                "{wanted} needs the program cpp-rl-libtorch beside this one: `./scripts/cpp-rl` builds it when it sees \
-                 this option, and so does `cargo build --release -p torch-engine` after `scripts/libtorch` \
+                "{wanted} needs the program cpp-rl-libtorch beside this one: build it with `CPP_RL_LIBTORCH=1 \
+                 ./scripts/cpp-rl`, or with `scripts/libtorch` and `cargo build --release -p torch-engine` \
                  (docs/install.md)"
             )));
         };
         libtorch.check(device).map_err(NoEngine::Unfit)?;
         Ok(Self::Libtorch(device))
-    }
-
-    /// The name that manifests record.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Fused => "fused",
-            Self::Libtorch(_) => "libtorch",
-        }
     }
 
     /// The device that manifests record.

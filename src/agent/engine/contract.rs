@@ -19,7 +19,7 @@ pub trait Engine: Send {
     ///
     /// Returns the norms of the gradients before clipping, `[S]`.
     fn descend<'a>(&mut self, losses: &mut [&mut dyn Loss<'a>]) -> Vec<f32>;
-    /// Norms of a seed's last gradient, the loss's and the pulls'.
+    /// Norms of a seed's last gradient, the loss's and the pull's.
     fn norms(&self, seed: usize) -> GradientNorms;
     /// The activations of a seed's hidden units in its last step.
     fn units(&self, seed: usize) -> Units;
@@ -39,22 +39,29 @@ pub struct Parts {
     /// Adam.
     pub optimizer: OptimizerConfig,
     /// What draws the parameters beside the loss.
-    pub pulls: Vec<Pull>,
+    pub pull: Option<Pull>,
     /// The agents as they come out of the stage before; equally many Adam steps old.
     pub agents: Vec<AgentState>,
 }
 
-/// A quadratic penalty ½λ‖θ − anchor‖², and where its gradient enters.
+/// A quadratic penalty ½λ‖θ − c‖².
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pull {
-    /// Where it enters.
-    pub entry: Entry,
+    /// What c is.
+    pub toward: Toward,
     /// λ.
     pub coefficient: f64,
-    /// The name of the [copy](crate::agent::state::Kept::copies) that is the anchor; none for 0.
-    pub anchor: Option<String>,
     /// Whether biases and the parameters of norms are drawn, too.
     pub covers_all: bool,
+}
+
+/// Where a pull draws to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Toward {
+    /// To 0, entering here.
+    Zero(Entry),
+    /// To the [copy](crate::agent::state::Kept::copies) of this name, as part of the loss. Every agent must have it.
+    Copy(&'static str),
 }
 
 /// Where a penalty enters.

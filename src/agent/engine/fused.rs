@@ -7,7 +7,7 @@ use std::ops::Range;
 use bit_mlp::{AdamConfig, BitBatch, Decay, Decayed, GradientNorms, Mlp, Moments, Prepared, Workspace};
 use bit_mlp::{clip_and_adam, gradient_norms};
 
-use super::contract::{Engine, Entry, LayerUnits, Parts, Pull, Units};
+use super::contract::{Engine, Entry, LayerUnits, Parts, Pull, Toward, Units};
 use super::loss::{Loss, Pass, Weights};
 use crate::agent::state::{AdamState, AgentState};
 
@@ -49,12 +49,10 @@ struct Seed {
 impl FusedEngine {
     /// Agents as they come out of the stage before.
     pub fn new(parts: Parts) -> Self {
-        let Parts { network, optimizer, pulls, agents } = parts;
+        let Parts { network, optimizer, pull, agents } = parts;
         let towers: Vec<Mlp> = network.towers().iter().map(|tower| tower.mlp.clone()).collect();
-        let pull = match pulls.into_iter().next() {
-            Some(pull) => Some(FusedPull { covered: (!pull.covers_all).then(|| network.weights()), pull }),
-            None => None,
-        };
+        let covered = |pull: &Pull| (!pull.covers_all).then(|| network.weights());
+        let pull = pull.map(|pull| FusedPull { covered: covered(&pull), pull });
         let decay = pull.as_ref().map_or(Decay::None, FusedPull::decay);
         let seed = |agent: AgentState| Seed {
             gradient: vec![0.0; agent.parameters.len()],
@@ -77,14 +75,14 @@ impl FusedEngine {
 }
 
 impl FusedPull {
-    /// What Adam's step does of it: all, unless there is an anchor.
+    /// What Adam's step does of it: all, unless it draws to a copy.
     fn decay(&self) -> Decay {
-        let Pull { entry, coefficient, anchor, .. } = &self.pull;
-        match entry {
-            _ if anchor.is_some() => Decay::None,
-            Entry::Decoupled => Decay::Decoupled(*coefficient),
-            Entry::InAdam => Decay::Coupled(*coefficient),
-            Entry::InLoss => Decay::InLoss(*coefficient),
+        let coefficient = self.pull.coefficient;
+        match self.pull.toward {
+            Toward::Zero(Entry::Decoupled) => Decay::Decoupled(coefficient),
+            Toward::Zero(Entry::InAdam) => Decay::Coupled(coefficient),
+            Toward::Zero(Entry::InLoss) => Decay::InLoss(coefficient),
+            Toward::Copy(_) => Decay::None,
         }
     }
 
@@ -94,7 +92,10 @@ impl FusedPull {
 
     /// The penalty for this agent.
     fn of<'a>(&'a self, agent: &'a AgentState) -> bit_mlp::Pull<'a> {
-        let anchor = self.pull.anchor.as_ref().and_then(|name| agent.kept.copies.get(name)).map(Vec::as_slice);
+        let anchor = match self.pull.toward {
+            Toward::Zero(_) => None,
+            Toward::Copy(name) => Some(agent.kept.copies[name].as_slice()),
+        };
         bit_mlp::Pull { coefficient: self.pull.coefficient, anchor, covered: self.covered() }
     }
 }
@@ -202,7 +203,7 @@ impl Seed {
         let Self { agent, gradient, workspaces, output_gradients, units_in, .. } = self;
         let parameters = |weights| match weights {
             Weights::Own => &agent.parameters,
-            Weights::Copy(name) => agent.kept.copies.get(name).unwrap_or(&agent.parameters),
+            Weights::Copy(name) => &agent.kept.copies[name],
         };
         let gradients = &mut output_gradients[..passes.len()];
         gradients.iter_mut().for_each(Vec::clear);
@@ -221,7 +222,7 @@ impl Seed {
 
     /// One step of clipped Adam; returns the gradient's norm before clipping. One that is not finite changes nothing.
     fn step(&mut self, max_grad_norm: f32, pull: Option<&FusedPull>, adam: &AdamConfig) -> f32 {
-        if let Some(pull) = pull.filter(|pull| pull.pull.anchor.is_some()) {
+        if let Some(pull) = pull.filter(|pull| matches!(pull.pull.toward, Toward::Copy(_))) {
             let pull = pull.of(&self.agent);
             self.loss_norm = Some(gradient_norms(&self.agent.parameters, &self.gradient, pull).loss);
             pull.add_to(&mut self.gradient, &self.agent.parameters);

@@ -14,7 +14,7 @@ use crate::config::Settings;
 pub trait Mitigation: Settings + Any + Debug + Send + Sync {
     /// Its name in the setting `mitigations`.
     fn name(&self) -> &'static str;
-    /// A number of its own, which its random streams have; never changed and never used again for another.
+    /// A number of its own, which its random streams have; never changed, and never used again for another; at most 1,000.
     fn number(&self) -> u16;
     /// Whether it is there without being listed, as its own settings say.
     fn is_always_listed(&self) -> bool {
@@ -37,9 +37,9 @@ pub trait Mitigation: Settings + Any + Debug + Send + Sync {
     fn acts_between_steps(&self) -> bool {
         false
     }
-    /// Whether it acts after this gradient step of the agent's life, counted from 1.
+    /// Whether it acts after this gradient step, counted from 1 over the agent's life.
     fn acts_after(&self, _step: u64) -> bool {
-        false
+        self.acts_between_steps()
     }
     /// Acts after a gradient step, knowing what the hidden units did in it.
     fn after_step(&self, _patient: &mut Patient<'_>, _units: &Units) {}

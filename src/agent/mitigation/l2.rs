@@ -1,7 +1,7 @@
 //! L2: the weights are drawn to 0.
 
 use super::hooks::Mitigation;
-use crate::agent::engine::{Entry, GradientNorms, Pull};
+use crate::agent::engine::{Entry, GradientNorms, Pull, Toward};
 use crate::agent::learner::Metrics;
 use crate::agent::optimizer::OptimizerConfig;
 use crate::agent::shared::Shared;
@@ -93,7 +93,7 @@ impl Mitigation for L2Penalty {
             L2::Loss => Entry::InLoss,
         };
         let covers_all = self.covers == L2Covers::All;
-        Some(Pull { entry, coefficient: self.coefficient, anchor: None, covers_all })
+        Some(Pull { toward: Toward::Zero(entry), coefficient: self.coefficient, covers_all })
     }
 
     /// Where the penalty has a gradient, the ratio of its norm to that of the loss's gradient where the two are added, in

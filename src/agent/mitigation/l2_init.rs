@@ -3,7 +3,7 @@
 
 use super::hooks::Mitigation;
 use super::patient::Patient;
-use crate::agent::engine::{Entry, Pull};
+use crate::agent::engine::{Pull, Toward};
 use crate::config::{Settings, Visitor, positive};
 
 /// The name of the copy that holds θ₀.
@@ -43,8 +43,7 @@ impl Mitigation for L2Init {
 
     /// The paper writes λ‖θ − θ₀‖², without a half; clipping sees it, since it is part of the loss.
     fn pull(&self) -> Option<Pull> {
-        let anchor = Some(FIRST.to_owned());
-        Some(Pull { entry: Entry::InLoss, coefficient: 2.0 * self.coefficient, anchor, covers_all: true })
+        Some(Pull { toward: Toward::Copy(FIRST), coefficient: 2.0 * self.coefficient, covers_all: true })
     }
 
     /// Notes θ₀ once in an agent's life.

@@ -3,21 +3,20 @@
 use std::any::Any;
 
 use super::hooks::Mitigation;
-use super::patient::{Patient, steps};
-use super::{l2, l2_init, redo, shrink_perturb};
+use super::patient::Patient;
 use crate::agent::engine::Pull;
 use crate::agent::network::Network;
 use crate::agent::shared::Shared;
 use crate::agent::state::AgentState;
 use crate::config::{Settings, Visitor, names};
 
-/// Every mitigation, with its default settings, in the order in which they act. A new one is a file beside these and a
-/// line here.
+/// Every mitigation, with its default settings, in the order in which they act. A new one is a file beside these, its
+/// `mod` line, and a line here.
 const MITIGATIONS: &[fn() -> Box<dyn Mitigation>] = &[
-    || Box::new(l2::L2Penalty::default()),
-    || Box::new(l2_init::L2Init::default()),
-    || Box::new(shrink_perturb::ShrinkPerturb::default()),
-    || Box::new(redo::ReDo::default()),
+    || Box::new(super::l2::L2Penalty::default()),
+    || Box::new(super::l2_init::L2Init::default()),
+    || Box::new(super::shrink_perturb::ShrinkPerturb::default()),
+    || Box::new(super::redo::ReDo::default()),
 ];
 
 /// The mitigations of a run.
@@ -54,8 +53,8 @@ impl Mitigations {
     }
 
     /// What draws the parameters beside the loss.
-    pub fn pulls(&self) -> Vec<Pull> {
-        self.iter().filter_map(Mitigation::pull).collect()
+    pub fn pull(&self) -> Option<Pull> {
+        self.iter().find_map(Mitigation::pull)
     }
 
     /// Checks each of them, and that they fit together.
@@ -73,9 +72,9 @@ impl Mitigations {
 
     /// Lets each act on an agent at the beginning of a stage.
     pub fn begin_stage(&self, network: &Network, agent: &mut AgentState, stage: u16) {
-        let step = steps(agent);
         for mitigation in self.iter() {
-            mitigation.begin_stage(&mut Patient { network, agent, stage, step });
+            // Whatever else is listed, it draws the same: so no count of steps.
+            mitigation.begin_stage(&mut Patient { network, agent, stage, step: 0 });
         }
     }
 }
@@ -108,5 +107,25 @@ impl Settings for Listed<'_> {
 impl Clone for Mitigations {
     fn clone(&self) -> Self {
         Self(self.0.iter().map(|mitigation| mitigation.boxed()).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::config;
+
+    /// Two with one number would share their random streams; two with one key could not be told apart.
+    #[test]
+    fn numbers_names_and_keys_are_their_own() {
+        let all: Vec<Box<dyn Mitigation>> = MITIGATIONS.iter().map(|make| make()).collect();
+        let numbers: BTreeSet<u16> = all.iter().map(|mitigation| mitigation.number()).collect();
+        assert!(numbers.len() == all.len() && numbers.iter().all(|&number| number <= 1000));
+        let names: BTreeSet<&str> = all.iter().map(|mitigation| mitigation.name()).collect();
+        assert_eq!(names.len(), all.len());
+        let keys: Vec<&str> = all.iter().flat_map(|mitigation| config::keys(&mut *mitigation.boxed())).collect();
+        assert_eq!(keys.iter().collect::<BTreeSet<_>>().len(), keys.len());
     }
 }

@@ -16,6 +16,9 @@ pub(super) fn steps(agent: &AgentState) -> u64 {
 }
 
 /// An agent that a mitigation may change.
+///
+/// `network.towers()[t].mlp.blocks()[l].weight` is where a weight `[inputs, units]` lies in `agent.parameters`, row-major.
+/// Whoever writes there leaves Adam's moments as they are; the methods below set those of what they write to 0.
 pub struct Patient<'a> {
     /// Where its parameters lie.
     pub network: &'a Network,
@@ -23,13 +26,13 @@ pub struct Patient<'a> {
     pub agent: &'a mut AgentState,
     /// The stage's number.
     pub stage: u16,
-    /// Gradient steps of the agent's life so far; 0 where no mitigation counts them.
+    /// Gradient steps that the agent has made under mitigations which act between steps; 0 at the beginning of a stage.
     pub step: u64,
 }
 
 impl Patient<'_> {
     /// Random numbers for the mitigation with this number at this step: nobody else draws from this stream, and nothing
-    /// has to be saved.
+    /// has to be saved. Called twice in one hook it gives the same numbers.
     pub fn stream(&self, number: u16) -> Stream {
         let purpose = Purpose::Mitigation { number, step: self.step as u32 };
         Stream::new(self.agent.seed, self.stage, purpose)

@@ -15,7 +15,7 @@ pub struct Regimen {
     optimizer: OptimizerConfig,
     network: Network,
     stage: u16,
-    /// Gradient steps of each agent's life so far.
+    /// Gradient steps of each agent so far, counted where mitigations act between them.
     steps: Vec<u64>,
     /// Whether any mitigation ever acts between steps.
     counts_steps: bool,

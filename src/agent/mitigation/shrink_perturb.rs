@@ -24,8 +24,12 @@ impl Default for ShrinkPerturb {
 
 impl Settings for ShrinkPerturb {
     fn visit(&mut self, v: &mut dyn Visitor) {
-        v.field("shrink", "what is left of the parameters at a switch", &mut fraction(&mut self.shrink));
-        v.field("perturb", "share of new parameters added at a switch", &mut non_negative(&mut self.perturb));
+        v.field("shrink_perturb_alpha", "what is left of the parameters at a switch", &mut fraction(&mut self.shrink));
+        v.field(
+            "shrink_perturb_beta",
+            "share of new parameters added at a switch",
+            &mut non_negative(&mut self.perturb),
+        );
     }
 }
 
