@@ -1,7 +1,7 @@
 //! From results to what people and programs read. Nothing here trains.
 //!
 //! [`analysis`] makes numbers of runs, [`exhibits`] make a report's sections of them, one file per topic, and
-//! [`render`] writes tables and pages, one file per format. Each depends on those before it alone.
+//! [`render`](mod@render) writes tables and pages, one file per format. Each depends on those before it alone.
 
 pub mod analysis;
 mod evaluations;

@@ -1,6 +1,6 @@
 //! Measures of continual learning, per seed and over seeds, of normalised returns.
 //!
-//! R[i, j] is the return on the level of stage j after stage i, b[j] that of the untrained model, T the number of
+//! `R[i, j]` is the return on the level of stage j after stage i, `b[j]` that of the untrained model, T the number of
 //! stages.
 
 use std::collections::BTreeMap;
