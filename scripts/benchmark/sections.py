@@ -25,7 +25,7 @@ SEEDS = (1, 4, 16, 64)
 WIDTHS = (64, 128, 256, 512)
 SIDES = (8, 12, 16, 24, 32)
 ENVIRONMENTS = (1, 4, 16, 64)
-BENCHES = (("coverage-env", "environment"), ("bit-mlp", "kernel"), ("torch-engine", "learners"))
+BENCHES = (("coverage-env", "environment"), ("bit-mlp", "steps"), ("torch-engine", "learners"))
 
 
 @dataclass

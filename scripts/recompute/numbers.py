@@ -98,7 +98,10 @@ def bootstrap(scores: list[list[float]], statistic: Callable[[list[list[float]]]
     """The percentile interval; the runs of each task are resampled by themselves."""
     if min(map(len, scores)) < 2:
         return None
-    of = lambda resample: statistic([[task[i] for i in taken] for task, taken in zip(scores, resample)])  # noqa: E731
+
+    def of(resample: list[list[int]]) -> float:
+        return statistic([[task[i] for i in taken] for task, taken in zip(scores, resample)])
+
     return percentile([of(resample) for resample in draws(tuple(map(len, scores)))])
 
 
@@ -106,13 +109,19 @@ def bootstrap_whole(scores: list[list[float]], statistic: Callable[[list[list[fl
     """The percentile interval; a seed that is drawn brings its scores on all tasks."""
     if len(scores[0]) < 2:
         return None
-    of = lambda taken: statistic([[task[i] for i in taken] for task in scores])  # noqa: E731
+
+    def of(taken: list[int]) -> float:
+        return statistic([[task[i] for i in taken] for task in scores])
+
     return percentile([of(taken) for [taken] in draws((len(scores[0]),))])
 
 
 def ratio_of_means(pairs: Sequence[tuple[float, float]]) -> tuple[float, Bounds]:
     """The mean numerator over the mean denominator, in every resample, too."""
-    ratio = lambda pairs: sum(a for a, _ in pairs) / sum(b for _, b in pairs)  # noqa: E731
+
+    def ratio(pairs: Sequence[tuple[float, float]]) -> float:
+        return sum(a for a, _ in pairs) / sum(b for _, b in pairs)
+
     if len(pairs) < 2:
         return ratio(pairs), None
     return ratio(pairs), percentile([ratio([pairs[i] for i in taken]) for [taken] in draws((len(pairs),))])

@@ -19,11 +19,7 @@ Key = tuple[str, str, int, int, str, str]
 def seeds(report: Report, roots: list[Path], checks: Checks) -> None:
     """Compares every row of seeds.csv with what the runs below these folders say."""
     with (report.directory / "seeds.csv").open(encoding="utf-8", newline="") as file:
-        stage = lambda row: int(row["stage"]) if row["stage"] else BEFORE  # noqa: E731
-        written = {
-            (row["arm"], row["sequence"], int(row["seed"]), stage(row), row["level"], row["measure"]): row["value"]
-            for row in csv.DictReader(file)
-        }
+        written = {_key(row): row["value"] for row in csv.DictReader(file)}
     found = {manifest.parent for root in roots for manifest in root.rglob("manifest.json")}
     computed: dict[Key, float] = {}
     for run in report.json["runs"]:
@@ -38,13 +34,19 @@ def seeds(report: Report, roots: list[Path], checks: Checks) -> None:
         checks.number(f"seeds.csv: {key}", written.get(key), computed.get(key))
 
 
+def _key(row: dict[str, str]) -> Key:
+    stage = int(row["stage"]) if row["stage"] else BEFORE
+    return row["arm"], row["sequence"], int(row["seed"]), stage, row["level"], row["measure"]
+
+
 def _of_run(report: Report, arm: str, path: Path) -> Iterator[tuple[Key, float]]:
     manifest = json.loads((path / "manifest.json").read_text(encoding="utf-8"))
     done = manifest["stages_done"]
     levels = {level["name"]: level for level in report.json["levels"]}
-    key = lambda stage, level, measure: (  # noqa: E731
-        arm, manifest["curriculum"], manifest["seed"], stage, level, measure,
-    )  # fmt: skip
+
+    def key(stage: int, level: str, measure: str) -> Key:
+        return arm, manifest["curriculum"], manifest["seed"], stage, level, measure
+
     episodes: dict[tuple[int, str], list[dict[str, str]]] = defaultdict(list)
     for row in _rows(path / "evaluations.csv"):
         stage = int(row["stage"]) if row["phase"] == "after" else BEFORE

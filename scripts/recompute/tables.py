@@ -116,7 +116,10 @@ def continual_learning(report: Report, checks: Checks) -> None:
 def _measures(r: dict[tuple[int, int], float], stages: int) -> dict[str, float | None]:
     """Of one seed: R[i, j] by stage, -1 standing before the first."""
     last = stages - 1
-    mean = lambda values: n.mean(values) if values else None  # noqa: E731
+
+    def mean(values: list[float]) -> float | None:
+        return n.mean(values) if values else None
+
     each = range(stages)
     return {
         "average performance": mean([r[last, j] for j in each]),
@@ -130,8 +133,8 @@ def _measures(r: dict[tuple[int, int], float], stages: int) -> dict[str, float |
 
 def _scratch_of(report: Report) -> dict[str, str]:
     """The arm from scratch of each curriculum."""
-    name = lambda index: report.arms[index]  # noqa: E731
-    return {name(pair["curriculum"]): name(pair["from_scratch"]) for pair in report.json["pairs"]}
+    arms = report.arms
+    return {arms[pair["curriculum"]]: arms[pair["from_scratch"]] for pair in report.json["pairs"]}
 
 
 def _pairs(report: Report, arm: str, scratch: str, measure: str, level: str) -> Pairs:
@@ -146,7 +149,10 @@ def _over_levels(by_level: dict[str, Pairs]) -> Pairs:
     """By seed that has all levels: the means over them."""
     first, *others = by_level.values()
     seeds = [seed for seed in first if all(seed in other for other in others)]
-    mean = lambda seed, side: n.mean([pairs[seed][side] for pairs in by_level.values()])  # noqa: E731
+
+    def mean(seed: int, side: int) -> float:
+        return n.mean([pairs[seed][side] for pairs in by_level.values()])
+
     return {seed: (mean(seed, 0), mean(seed, 1)) for seed in seeds}
 
 

@@ -84,7 +84,7 @@ impl Config {
         }
         layers.fill(&mut Listed(&mut config.mitigations))?;
         layers.fill(&mut config)?;
-        let misfits = config.misfits().map(|(key, problem)| layers.error(key, problem));
+        let misfits = config.mitigations.check(&config.shared).err().map(|(key, problem)| layers.error(key, problem));
         let products = config.algorithm.check(&config.shared).err();
         let products = products.map(|misfit| {
             // Whichever of them the user set is the one to change.
@@ -92,11 +92,6 @@ impl Config {
         });
         layers.finish(|key| config.unknown_key(key))?;
         misfits.or(products).map_or(Ok(config), Err)
-    }
-
-    /// What mitigations cannot work with.
-    fn misfits(&self) -> Option<(&'static str, String)> {
-        self.mitigations.check(&self.shared).err()
     }
 
     fn unknown_key(&self, key: &str) -> String {

@@ -14,10 +14,8 @@ pub trait Learner: Send {
     fn timesteps(&self) -> u64;
     /// What [`timesteps`](Self::timesteps) will be after the next [`advance`](Self::advance).
     fn next_timesteps(&self) -> u64;
-    /// θ of one seed as it is now, `[P]`; seeds are counted in their order here.
-    fn parameters(&self, seed: usize) -> &[f32];
-    /// The agents as they are now.
-    fn states(&self) -> Vec<AgentState>;
+    /// The agents as they are after the last row of the log, in the order of the seeds.
+    fn agents(&self) -> Vec<&AgentState>;
     /// All that the rest of the stage depends on, of the seed with this place in their order.
     fn snapshot(&self, seed: usize) -> Snapshot;
 }

@@ -10,7 +10,7 @@ use super::output::write_stdout;
 use crate::agent::config::{Config, resolve};
 use crate::agent::keys::{self, Key};
 use crate::agent::registry;
-use crate::config::preset_names;
+use crate::config::{differing_keys, preset_names};
 use crate::error::UserError;
 use crate::report::{Cell, Format, Table};
 use crate::run::manifest::{self, Manifest};
@@ -109,8 +109,7 @@ fn shown(value: &Value) -> String {
 
 fn compare(names: [&str; 2], format: Format) -> Result<String> {
     let [a, b] = [settings(names[0])?, settings(names[1])?];
-    let keys = a.keys().chain(b.keys().filter(|key| !a.contains_key(*key)));
-    let differing: Vec<&String> = keys.filter(|key| a.get(*key) != b.get(*key)).collect();
+    let differing = differing_keys(&a, &b);
     if format == Format::Json {
         let entry = |key: &&String| json!({ "key": key, "a": a.get(*key), "b": b.get(*key) });
         return Ok(

@@ -54,6 +54,12 @@ pub fn to_yaml(settings: &mut dyn Settings) -> String {
     lines.0
 }
 
+/// The keys in which two recorded configs differ: those of `old` in its order, then those that only `new` has.
+pub fn differing_keys<'a>(old: &'a Map<String, Value>, new: &'a Map<String, Value>) -> Vec<&'a String> {
+    let keys = old.keys().chain(new.keys().filter(|key| !old.contains_key(*key)));
+    keys.filter(|key| old.get(*key) != new.get(*key)).collect()
+}
+
 /// The keys of settings, in the order of their declaration.
 pub fn keys(settings: &mut dyn Settings) -> Vec<&'static str> {
     struct Keys(Vec<&'static str>);

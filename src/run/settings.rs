@@ -7,6 +7,7 @@ use serde_json::{Map, Value};
 
 use super::Plan;
 use super::manifest::{self, Manifest, StageEntry};
+use crate::config::differing_keys;
 use crate::error::UserError;
 
 /// The manifest that a run continues with, and whether the run was finished and is to be extended.
@@ -68,8 +69,8 @@ fn refuse_changes(run: &Path, old: &Manifest, plan: &Plan<'_>) -> Result<()> {
 /// The keys in which two configs differ, as `key: old → new`.
 pub fn differences(old: &Map<String, Value>, new: &Map<String, Value>) -> Vec<String> {
     let show = |value: Option<&Value>| value.map_or_else(|| "absent".to_owned(), Value::to_string);
-    let keys = old.keys().chain(new.keys().filter(|key| !old.contains_key(*key)));
-    keys.filter(|key| old.get(*key) != new.get(*key))
+    differing_keys(old, new)
+        .into_iter()
         .map(|key| format!("{key}: {} → {}", show(old.get(key)), show(new.get(key))))
         .collect()
 }

@@ -237,7 +237,7 @@ impl Cohort<'_> {
             if stop {
                 return Stopped::BySignal;
             }
-            let measured = monitor.as_ref().and_then(|monitor| monitor.before(&*learner, self.runs.len()));
+            let measured = monitor.as_ref().and_then(|monitor| monitor.before(&*learner));
             let rows = learner.advance();
             for (s, (run, row)) in self.runs.iter_mut().zip(&rows).enumerate() {
                 run.attempt(link, |run| {
@@ -256,9 +256,9 @@ impl Cohort<'_> {
                 saved_at = learner.timesteps();
             }
         }
-        for (run, agent) in self.runs.iter_mut().zip(learner.states()) {
+        for (run, agent) in self.runs.iter_mut().zip(learner.agents()) {
             run.before = agent.counters.timesteps;
-            run.agent = agent;
+            run.agent.clone_from(agent);
         }
         Stopped::AtItsEnd
     }

@@ -32,7 +32,7 @@ fn train(config: &Config, stage: &Stage, agent: Option<AgentState>) -> AgentStat
         learner.advance();
     }
     assert_eq!(learner.timesteps(), stage.timesteps);
-    learner.states().remove(0)
+    learner.agents()[0].clone()
 }
 
 #[test]

@@ -222,7 +222,7 @@ fn train(config: &Config, stop: Option<usize>) -> Snapshot {
     let stage = |index| Stage { index, level: level(), timesteps: 5000, horizon: 5000 };
     let mut learner = agent::learner(config, &stage(0), vec![config.agent(&level(), 1)], EngineKind::Fused);
     learner.advance();
-    let agents = learner.states();
+    let agents = learner.agents().into_iter().cloned().collect();
     let mut learner = agent::learner(config, &stage(1), agents, EngineKind::Fused);
     for row in 0..2 {
         if stop == Some(row) {

@@ -126,7 +126,7 @@ fn an_extended_training_keeps_the_horizon_of_its_schedules() {
         learner.advance();
     }
     let checkpoint = Checkpoint::read(&run.0.join("checkpoints/stage-0.safetensors")).expect("a checkpoint");
-    assert!(checkpoint.agent == learner.states()[0], "the agents differ");
+    assert!(checkpoint.agent == *learner.agents()[0], "the agents differ");
     let rates: Vec<String> = run
         .progress()
         .into_iter()
@@ -296,4 +296,23 @@ fn a_run_that_another_process_writes_is_refused() {
     assert!(error.contains("seed-0 is being written by another process") && error.contains("--out"), "{error}");
     drop(lock);
     sandbox.succeeds(&format!("{SHORT} --resume"));
+}
+
+/// Whatever a mitigation keeps is read back from the run's files.
+#[test]
+fn a_mitigated_run_is_stopped_and_goes_on() {
+    for algo in ["ppo", "dqn"] {
+        for mitigation in ["l2-init", "shrink-perturb", "redo"] {
+            let sandbox = Sandbox::new();
+            let own = if mitigation == "redo" { "--set redo_interval=7 --set redo_threshold=0.8" } else { "" };
+            let command = |out| format!("{} --seeds 0..2 --set mitigations=[{mitigation}] {own}", command(algo, out));
+            sandbox.succeeds(command("whole").trim());
+            let [stopped, whole] = ["stopped", "whole"].map(|out| runs(&sandbox, algo, out));
+            stop_within(&sandbox, command("stopped").trim(), &stopped[0], Signal::TERM);
+            sandbox.succeeds(&format!("{} --resume", command("stopped").trim()));
+            for (stopped, whole) in stopped.iter().zip(&whole) {
+                stopped.reproducible().assert_same(&whole.reproducible());
+            }
+        }
+    }
 }

@@ -2,7 +2,7 @@
 
 use bit_mlp::{Activation, Block};
 use cpp_rl::agent::network::Network;
-use tch::{Kind, Tensor};
+use tch::Tensor;
 
 /// ε of a layer's norm, PyTorch's default.
 const NORM_EPS: f64 = 1e-5;
@@ -70,6 +70,5 @@ impl LayerViews {
             Some(Activation::Relu) => sums.relu(),
             Some(Activation::Crelu) => Tensor::cat(&[sums.relu(), (-sums).relu()], -1),
         }
-        .to_kind(Kind::Float)
     }
 }

@@ -208,12 +208,8 @@ impl Learner for Dqn {
         due.min(self.end).max(self.timesteps + 1).next_multiple_of(block)
     }
 
-    fn parameters(&self, seed: usize) -> &[f32] {
-        &self.seeds[seed].agent.parameters
-    }
-
-    fn states(&self) -> Vec<AgentState> {
-        self.seeds.iter().map(|seed| seed.agent.clone()).collect()
+    fn agents(&self) -> Vec<&AgentState> {
+        self.seeds.iter().map(|seed| &seed.agent).collect()
     }
 
     fn snapshot(&self, seed: usize) -> Snapshot {

@@ -41,7 +41,11 @@ pub trait Mitigation: Settings + Any + Debug + Send + Sync {
     fn acts_after(&self, _step: u64) -> bool {
         self.acts_between_steps()
     }
-    /// Acts after a gradient step, knowing what the hidden units did in it.
+    /// Whether it reads what the hidden units did; only then are their activations copied for it.
+    fn reads_units(&self) -> bool {
+        false
+    }
+    /// Acts after a gradient step; `units` is what the hidden units did in it, or empty if it does not read that.
     fn after_step(&self, _patient: &mut Patient<'_>, _units: &Units) {}
     /// What it adds to a row of the log, given the norms of the last gradient.
     fn metrics(&self, _optimizer: &OptimizerConfig, _norms: &dyn Fn() -> GradientNorms) -> Metrics {

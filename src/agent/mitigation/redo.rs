@@ -46,6 +46,10 @@ impl Mitigation for ReDo {
         true
     }
 
+    fn reads_units(&self) -> bool {
+        true
+    }
+
     fn acts_after(&self, step: u64) -> bool {
         step.is_multiple_of(self.interval)
     }

@@ -3,7 +3,7 @@
 use super::hooks::Mitigation;
 use super::list::Mitigations;
 use super::patient::{Patient, STEPS, steps};
-use crate::agent::engine::Engine;
+use crate::agent::engine::{Engine, Units};
 use crate::agent::learner::Metrics;
 use crate::agent::network::Network;
 use crate::agent::optimizer::OptimizerConfig;
@@ -49,7 +49,7 @@ impl Regimen {
         for (s, step) in steps.iter_mut().enumerate() {
             *step += 1;
             for mitigation in mitigations.iter().filter(|mitigation| mitigation.acts_after(*step)) {
-                let units = engine.units(s);
+                let units = if mitigation.reads_units() { engine.units(s) } else { Units::default() };
                 engine.edit(s, &mut |agent| {
                     mitigation.after_step(&mut Patient { network, agent, stage: *stage, step: *step }, &units);
                 });

@@ -230,12 +230,8 @@ impl Learner for Ppo {
         self.timesteps() + (self.config.n_steps * self.seeds[0].envs.len()) as u64
     }
 
-    fn parameters(&self, seed: usize) -> &[f32] {
-        &self.seeds[seed].agent.parameters
-    }
-
-    fn states(&self) -> Vec<AgentState> {
-        self.seeds.iter().map(|seed| seed.agent.clone()).collect()
+    fn agents(&self) -> Vec<&AgentState> {
+        self.seeds.iter().map(|seed| &seed.agent).collect()
     }
 
     fn snapshot(&self, seed: usize) -> Snapshot {

@@ -41,18 +41,18 @@ impl Monitor {
         (interval > 0).then(|| Self { probe: probe(), schedule })
     }
 
-    /// To be called before a learner of `seeds` agents advances; nothing unless that update is due.
-    pub fn before(&self, learner: &dyn Learner, seeds: usize) -> Option<Pending<'_>> {
-        let parameters = |seed| learner.parameters(seed).to_vec();
+    /// To be called before a learner advances; nothing unless that update is due.
+    pub fn before(&self, learner: &dyn Learner) -> Option<Pending<'_>> {
         let due = self.schedule.is_due(learner.timesteps(), learner.next_timesteps());
-        due.then(|| Pending { probe: &self.probe, before: (0..seeds).map(parameters).collect() })
+        let before = || learner.agents().into_iter().map(|agent| agent.parameters.clone()).collect();
+        due.then(|| Pending { probe: &self.probe, before: before() })
     }
 }
 
 impl Pending<'_> {
     /// Measures a seed after the update, whose `train/grad_norm` was `grad_norm`.
     pub fn after(&self, learner: &dyn Learner, seed: usize, grad_norm: f64) -> Measurement {
-        self.probe.measure(&self.before[seed], learner.parameters(seed), grad_norm)
+        self.probe.measure(&self.before[seed], &learner.agents()[seed].parameters, grad_norm)
     }
 }
 

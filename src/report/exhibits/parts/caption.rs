@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use rl_stats::Bootstrap;
 use rl_stats::few::FEW;
 
 use super::notes::method;
@@ -30,23 +31,22 @@ pub fn seeds(analysis: &Analysis, arms: &[usize]) -> String {
 /// What the bands of curves are.
 pub fn bands(analysis: &Analysis, arms: &[usize]) -> String {
     let bootstrap = &analysis.conventions.curve_bootstrap;
-    let sentence = format!(
-        "Bands: {:.0}% intervals of the mean over seeds, at each point by itself{}.",
-        100.0 * bootstrap.confidence,
-        in_brackets(method(bootstrap, seed_counts(analysis, arms)))
-    );
-    without_interval(analysis, arms, &sentence, "band")
+    means(analysis, arms, bootstrap, ["Bands", ", at each point by itself", "band"])
 }
 
 /// What the bars at points are.
 pub fn intervals(analysis: &Analysis, arms: &[usize]) -> String {
-    let bootstrap = &analysis.conventions.bootstrap;
+    means(analysis, arms, &analysis.conventions.bootstrap, ["Bars", "", "interval"])
+}
+
+/// What `drawn` is: intervals of means over seeds, `at` some place; a mean of one seed has no `noun`.
+fn means(analysis: &Analysis, arms: &[usize], bootstrap: &Bootstrap, [drawn, at, noun]: [&str; 3]) -> String {
     let sentence = format!(
-        "Bars: {:.0}% intervals of the mean over seeds{}.",
+        "{drawn}: {:.0}% intervals of the mean over seeds{at}{}.",
         100.0 * bootstrap.confidence,
         in_brackets(method(bootstrap, seed_counts(analysis, arms)))
     );
-    without_interval(analysis, arms, &sentence, "interval")
+    without_interval(analysis, arms, &sentence, noun)
 }
 
 /// The numbers of seeds that means of these arms may be of: less than all where something is missing.

@@ -1,4 +1,4 @@
-//! What a gradient step and an action cost: `cargo bench -p bit-mlp --bench kernel`, best on an
+//! What a gradient step and an action cost: `cargo bench -p bit-mlp --bench steps`, best on an
 //! idle core (`taskset -c 0`).
 
 mod setup;
