@@ -2,10 +2,13 @@
 
 use std::io;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::thread;
 
 use anyhow::{Context, Result};
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1, SIGXFSZ};
-use signal_hook::flag;
+use signal_hook::iterator::Signals;
+use signal_hook::{flag, low_level};
 
 use crate::training::saving::Stop;
 
@@ -19,12 +22,17 @@ const EXIT_CODE: i32 = 130;
 /// Those of the operating system.
 pub(super) fn stop() -> Result<Stop> {
     let stop = Stop::default();
+    let requested = stop.0.clone();
     let register = || -> io::Result<()> {
-        for signal in [SIGINT, SIGTERM, SIGUSR1] {
-            // In this order: the first signal finds the stop unrequested, and so does not end the process.
-            flag::register_conditional_shutdown(signal, EXIT_CODE, stop.0.clone())?;
-            flag::register(signal, stop.0.clone())?;
-        }
+        let mut signals = Signals::new([SIGINT, SIGTERM, SIGUSR1])?;
+        // One thread counts them all: handlers of two signals can run at once, and each would take its own for the first.
+        thread::Builder::new().name("signals".to_owned()).spawn(move || {
+            for _ in signals.forever() {
+                if requested.swap(true, Ordering::Relaxed) {
+                    low_level::exit(EXIT_CODE);
+                }
+            }
+        })?;
         // Without this the signal would end the process. Now the write fails, and its error names the file.
         flag::register(SIGXFSZ, Arc::default()).map(|_| ())
     };
