@@ -6,7 +6,8 @@ use crate::agent::stage::Stage;
 /// ε over the timesteps of a stage.
 ///
 /// Linear from `exploration_initial_eps` to `exploration_final_eps` over the first `exploration_fraction` of the first
-/// stage; a later stage has the final value throughout ("without exploration" in the paper).
+/// stage; a later stage has the final value throughout ("without exploration" in the paper), unless
+/// `exploration_restarts`.
 #[derive(Clone, Copy, Debug)]
 pub struct Exploration {
     initial: f64,
@@ -18,7 +19,8 @@ pub struct Exploration {
 impl Exploration {
     /// The schedule of a stage.
     pub fn new(config: &DqnConfig, stage: &Stage) -> Self {
-        let decay = if stage.index == 0 { config.exploration_fraction * stage.horizon as f64 } else { 0.0 };
+        let decays = stage.index == 0 || config.exploration_restarts;
+        let decay = if decays { config.exploration_fraction * stage.horizon as f64 } else { 0.0 };
         Self { initial: config.exploration_initial_eps, last: config.exploration_final_eps, decay }
     }
 

@@ -1,6 +1,6 @@
 //! DQN's settings.
 
-use crate::config::{Settings, Visitor, fraction, integer};
+use crate::config::{Settings, Visitor, flag, fraction, integer};
 
 /// What only DQN has. Defaults are the paper's.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,10 +19,12 @@ pub struct DqnConfig {
     pub target_update_interval: u64,
     /// ε at the start of the first stage.
     pub exploration_initial_eps: f64,
-    /// ε at the end of its decay, and throughout every later stage.
+    /// ε at the end of its decay, and throughout every later stage unless it restarts.
     pub exploration_final_eps: f64,
     /// Share of the first stage's timesteps over which ε decays linearly.
     pub exploration_fraction: f64,
+    /// Whether ε decays anew in every stage.
+    pub exploration_restarts: bool,
 }
 
 impl Default for DqnConfig {
@@ -37,6 +39,7 @@ impl Default for DqnConfig {
             exploration_initial_eps: 1.0,
             exploration_final_eps: 0.05,
             exploration_fraction: 0.1,
+            exploration_restarts: false,
         }
     }
 }
@@ -76,6 +79,11 @@ impl Settings for DqnConfig {
             "exploration_fraction",
             "share of the first stage over which epsilon decays",
             &mut fraction(&mut self.exploration_fraction),
+        );
+        v.field(
+            "exploration_restarts",
+            "whether epsilon decays anew in every stage",
+            &mut flag(&mut self.exploration_restarts),
         );
     }
 }
