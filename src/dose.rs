@@ -19,13 +19,13 @@ pub struct Dose {
     pub l2: String,
     /// λ.
     pub l2_coef: f64,
-    /// Over all stages.
+    /// Over all stages that are trained.
     pub optimizer_steps: u64,
     /// ∏(1 − αλ) over all optimiser steps, in exact arithmetic; of decoupled decay alone.
     pub planned_shrink: Option<f64>,
     /// The same with the factor rounded to `f32`, as PyTorch and we multiply by it.
     pub shrink: Option<f64>,
-    /// ‖θ‖ at the end of each finished stage; none where it was no number.
+    /// ‖θ‖ at the end of each finished stage; none where it was no number, and for the stages of a fork's parent.
     pub weight_norm: Vec<Option<f64>>,
     /// Mean ratio of the penalty's gradient to the loss's in each finished stage, of a penalty that has a gradient; none
     /// for a stage without an update.
@@ -68,7 +68,9 @@ impl Dose {
     /// What is known before training.
     pub fn planned(config: &Config, curriculum: &Curriculum) -> Self {
         let of_stage = |stage: &Stage| config.algorithm.optimizer_steps(&config.shared, stage.timesteps);
-        let steps: u64 = curriculum.stages.iter().map(of_stage).sum();
+        let steps: u64 = curriculum.trained().iter().map(of_stage).sum();
+        // A fork measured nothing in the stages of its parent.
+        let of_parent = vec![None; curriculum.begins.into()];
         let penalty = config.mitigations.find::<L2Penalty>().cloned().unwrap_or_default();
         let decay = config.shared.optimizer.learning_rate * penalty.coefficient;
         let decoupled = |shrink: f64| (penalty.kind == L2::AdamW).then_some(shrink);
@@ -78,8 +80,8 @@ impl Dose {
             optimizer_steps: steps,
             planned_shrink: decoupled((steps as f64 * (-decay).ln_1p()).exp()),
             shrink: decoupled(f64::from((1.0 - decay) as f32).powf(steps as f64)),
-            weight_norm: Vec::new(),
-            l2_ratio: Vec::new(),
+            weight_norm: of_parent.clone(),
+            l2_ratio: if matches!(penalty.kind, L2::Adam | L2::Loss) { of_parent } else { Vec::new() },
         }
     }
 

@@ -68,6 +68,14 @@ impl Config {
         Self::from_layers(Layers::recorded(settings))
     }
 
+    /// The same with these settings, as `--set` takes them. Those of a mitigation that is listed no more go with it.
+    ///
+    /// # Errors
+    /// The first setting that cannot be taken.
+    pub fn with_sets(&self, sets: &[String]) -> Result<Self, ConfigError> {
+        Self::from_layers(Layers::recorded(&self.to_json()).with_sets(sets)?)
+    }
+
     /// Turns merged settings into a config; nothing may be left over.
     fn from_layers(mut layers: Layers) -> Result<Self, ConfigError> {
         // Up to version 0.1.0 the engines had other names.
@@ -90,6 +98,7 @@ impl Config {
             // Whichever of them the user set is the one to change.
             layers.error(layers.set_by_user(misfit.keys).unwrap_or(""), misfit.problem)
         });
+        layers.forget_recorded(|key| Mitigations::with_key(key).is_some());
         layers.finish(|key| config.unknown_key(key))?;
         misfits.or(products).map_or(Ok(config), Err)
     }

@@ -13,6 +13,7 @@ pub mod registry;
 pub mod shared;
 pub mod snapshot;
 pub mod state;
+pub mod treatment;
 
 mod begin;
 mod choice;

@@ -5,6 +5,7 @@ pub mod compare;
 pub mod config;
 pub mod curriculum;
 pub mod eval;
+pub mod fork;
 pub mod levels;
 mod output;
 mod process;
@@ -92,6 +93,8 @@ pub enum Command {
     Curriculum(curriculum::CurriculumArgs),
     /// Train every arm of a study file: sequences of levels, levels from scratch, sweeps [default: the paper's arms].
     Study(study::StudyArgs),
+    /// Let trained agents go on from the end of a stage under treatments.
+    Fork(fork::ForkArgs),
     /// Evaluate checkpoints.
     Eval(eval::EvalArgs),
     /// Evaluate a planner: greedy A*, the proved optimum, or random moves.

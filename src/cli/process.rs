@@ -53,6 +53,7 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Train(args) => args.run(cli.verbosity()),
         Command::Curriculum(args) => args.run(cli.verbosity()),
         Command::Study(args) => args.run(cli.verbosity()),
+        Command::Fork(args) => args.run(cli.verbosity()),
         Command::Eval(args) => args.run(),
         Command::Baseline(args) => args.run(),
         Command::Runs(args) => args.run(),

@@ -14,6 +14,8 @@ use crate::experiment::Study;
 use crate::experiment::study::Planned;
 use crate::messages::{Verbosity, tell};
 use crate::report::Format;
+use crate::run::Parents;
+use crate::training::Experiment;
 use estimate::Estimate;
 
 /// More runs than this are trained only if someone says so.
@@ -60,7 +62,7 @@ impl StudyArgs {
         };
         let seeds = self.seeds.as_ref().map_or_else(|| (0..self.num_seeds).collect(), |seeds| seeds.0.clone());
         let planned = study.experiments(&seeds)?;
-        let runs: usize = planned.iter().map(|(_, _, seeds)| seeds.len()).sum();
+        let runs: usize = planned.iter().map(|planned| planned.seeds.len()).sum();
         if runs > MANY_RUNS && !self.yes && !self.estimate {
             let remedy = "see them with --estimate, and train them with --yes";
             return Err(
@@ -68,9 +70,16 @@ impl StudyArgs {
             );
         }
         let out = default_out(&study.name);
-        let make =
-            |(config, curriculum, seeds): Planned<'_>| self.launch.experiment(config.clone(), curriculum, &seeds, &out);
-        let experiments = planned.into_iter().map(make).collect::<Result<Vec<_>>>()?;
+        let mut experiments: Vec<Experiment> = Vec::with_capacity(planned.len());
+        for Planned { config, curriculum, seeds, fork } in planned {
+            let mut experiment = self.launch.experiment(config.clone(), curriculum, &seeds, &out)?;
+            experiment.parents = fork.map(|(fork, parent)| Parents {
+                fork: fork.clone(),
+                directories: seeds.iter().map(|&seed| (seed, experiments[parent].run_path(seed))).collect(),
+                experiment: Some(parent),
+            });
+            experiments.push(experiment);
+        }
         let engine = |config: &_| self.launch.engine(config);
         let estimate = Estimate::new(&study.name, &experiments, self.launch.jobs(), engine)?;
         if self.estimate {

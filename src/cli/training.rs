@@ -146,6 +146,7 @@ impl LaunchArgs {
             config,
             curriculum,
             seeds: seeds.to_vec(),
+            parents: None,
             out: self.out(default_out),
             engine,
             resume: self.resume,

@@ -116,6 +116,23 @@ impl Layers {
         Self::new(settings.iter().map(setting).collect())
     }
 
+    /// Adds `--set key=value` flags, which replace what is there.
+    ///
+    /// # Errors
+    /// A flag that is no `key=value`.
+    pub fn with_sets(mut self, sets: &[String]) -> Result<Self, ConfigError> {
+        for text in sets {
+            let (key, setting) = parse_set(text)?;
+            self.left.insert(key, setting);
+        }
+        Ok(Self::new(self.left))
+    }
+
+    /// Drops settings that a manifest recorded and nobody has taken.
+    pub fn forget_recorded(&mut self, is_forgotten: impl Fn(&str) -> bool) {
+        self.left.retain(|key, (_, origin)| !(matches!(origin, Origin::Manifest) && is_forgotten(key)));
+    }
+
     /// Gives a setting that had another name its present one, and its values theirs.
     pub fn rename(&mut self, old: &str, new: &str, values: &[(&str, &str)]) {
         let Some((value, origin)) = self.left.remove(old) else { return };

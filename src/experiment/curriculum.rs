@@ -19,6 +19,8 @@ pub struct Curriculum {
     pub name: String,
     /// In the order of training.
     pub stages: Vec<Stage>,
+    /// The number of the stage that training begins with: 0, or that after a fork. A parent trained those before it.
+    pub begins: u16,
     /// The levels to evaluate on, each once, in the order of their first stages.
     pub levels: Vec<Arc<Level>>,
     /// Whether a run may be extended to more timesteps. Only a single level may: a later stage began where it ended.
@@ -32,6 +34,7 @@ impl Curriculum {
         Self {
             name: format!("{LEVEL}{}", folder_name(level.name())),
             stages: vec![Stage { index: 0, level: level.clone(), timesteps, horizon: timesteps }],
+            begins: 0,
             levels: vec![level],
             extensible: true,
         }
@@ -58,13 +61,38 @@ impl Curriculum {
         }
         let stage = |(index, (level, timesteps))| Stage { index: index as u16, level, timesteps, horizon: timesteps };
         let stages = stages.into_iter().enumerate().map(stage).collect();
-        Ok(Self { name: name.into(), stages, levels, extensible: false })
+        Ok(Self { name: name.into(), stages, begins: 0, levels, extensible: false })
     }
 
-    /// Timesteps of all stages.
-    pub fn timesteps(&self) -> u64 {
-        self.stages.iter().map(|stage| stage.timesteps).fold(0, u64::saturating_add)
+    /// The stages that are trained here; a parent trained those before them.
+    pub fn trained(&self) -> &[Stage] {
+        &self.stages[usize::from(self.begins)..]
     }
+
+    /// Timesteps of the stages that are trained here.
+    pub fn timesteps(&self) -> u64 {
+        total(self.trained())
+    }
+
+    /// Timesteps asked for of the stages that a parent trained.
+    pub fn timesteps_of_parent(&self) -> u64 {
+        total(&self.stages[..usize::from(self.begins)])
+    }
+
+    /// What a fork after a stage trains: as many of the stages that follow as are given. None where there are fewer.
+    pub fn forked(&self, after: u16, stages: u16) -> Option<Self> {
+        let begins = after.checked_add(1)?;
+        let ends = usize::from(begins) + usize::from(stages);
+        if stages == 0 || begins <= self.begins || ends > self.stages.len() {
+            return None;
+        }
+        let stages = self.stages[..ends].to_vec();
+        Some(Self { stages, begins, extensible: false, ..self.clone() })
+    }
+}
+
+fn total(stages: &[Stage]) -> u64 {
+    stages.iter().map(|stage| stage.timesteps).fold(0, u64::saturating_add)
 }
 
 /// Each level once, in the order of their first places.

@@ -81,7 +81,7 @@ fn label(value: &Node) -> Option<String> {
 }
 
 /// The shorter of a number's two forms: `0.5` rather than `5e-1`, `1e-4` rather than `0.0001`.
-fn shortest(number: f64) -> String {
+pub(super) fn shortest(number: f64) -> String {
     let (plain, scientific) = (number.to_string(), format!("{number:e}"));
     if plain.len() <= scientific.len() { plain } else { scientific }
 }

@@ -2,10 +2,11 @@
 //! study file that says all of it.
 //!
 //! [`curriculum`] is what one run trains on. [`sequence`] makes curricula out of orders, cycles and shifts by seed.
-//! [`study`] reads a study file; docs/studies.md describes its language.
+//! [`fork`] is an agent that goes on otherwise from the end of a stage. [`study`] reads a study file; docs/studies.md describes its language.
 
 pub mod curriculum;
 pub mod estimate;
+pub mod fork;
 mod generate;
 mod grid;
 mod levels;
@@ -15,7 +16,10 @@ pub mod sequence;
 mod sequence_file;
 pub mod study;
 pub mod timesteps;
+mod treatment_file;
 
 pub use curriculum::Curriculum;
+pub use fork::Fork;
 pub use study::Study;
 pub use timesteps::Timesteps;
+pub use treatment_file::parse_treatment;

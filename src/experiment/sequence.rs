@@ -92,6 +92,16 @@ impl Sequences {
         self.orders.len()
     }
 
+    /// Stages of the shortest of them.
+    pub fn fewest_stages(&self) -> usize {
+        self.orders.iter().map(|order| order.levels.len() * self.repeat).min().unwrap_or(0)
+    }
+
+    /// One of their levels; all have one size.
+    pub fn first_level(&self) -> &Level {
+        &self.orders[0].levels[0]
+    }
+
     /// Whether there is none, which cannot be.
     pub fn is_empty(&self) -> bool {
         self.orders.is_empty()

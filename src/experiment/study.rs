@@ -8,11 +8,12 @@ use std::sync::Arc;
 use anyhow::Result;
 
 use super::curriculum::Curriculum;
+use super::fork::Fork;
 use super::grid::{self, GridCell};
-use super::node::{Fields, Node, Source};
+use super::node::{Content, Fields, Node, Source};
 use super::sequence::Sequences;
 use super::timesteps::Timesteps;
-use super::{levels, sequence_file};
+use super::{levels, sequence_file, treatment_file};
 use crate::agent::config::{self, Config};
 use crate::config::check_name;
 use crate::error::UserError;
@@ -26,7 +27,7 @@ const MAX_FILE_BYTES: u64 = 1 << 20;
 const MAX_EXPERIMENTS: usize = 100_000;
 
 const KEYS: [&str; 4] = ["name", "levels", "sequence", "arms"];
-const ARM_KEYS: [&str; 6] = ["algo", "config", "set", "grid", "sequence", "trains"];
+const ARM_KEYS: [&str; 7] = ["algo", "config", "set", "grid", "sequence", "trains", "fork"];
 
 /// What is trained, resolved and validated.
 #[derive(Clone, Debug)]
@@ -46,6 +47,8 @@ pub struct StudyArm {
     pub sequences: Arc<Sequences>,
     /// How it is trained, in this order.
     pub trains: Vec<Training>,
+    /// What goes on otherwise from stages of its curricula.
+    pub forks: Vec<Fork>,
 }
 
 /// How an arm is trained.
@@ -57,8 +60,18 @@ pub enum Training {
     FromScratch,
 }
 
-/// An arm, one thing that it is trained on, and the seeds for which it is.
-pub type Planned<'a> = (&'a Config, Curriculum, Vec<u64>);
+/// One experiment of a study.
+#[derive(Clone, Debug)]
+pub struct Planned<'a> {
+    /// Its settings.
+    pub config: &'a Config,
+    /// What it is trained on.
+    pub curriculum: Curriculum,
+    /// The seeds for which it is.
+    pub seeds: Vec<u64>,
+    /// If it is a fork: that, and the place of its parent among the experiments.
+    pub fork: Option<(&'a Fork, usize)>,
+}
 
 impl Training {
     /// Each with its words; older files say "afresh".
@@ -137,25 +150,38 @@ impl Study {
         Ok(Self { name: study.to_owned(), arms })
     }
 
-    /// Everything that is trained for these seeds, an experiment each: arm by arm, the curricula first.
+    /// Everything that is trained for these seeds, an experiment each: arm by arm, the curricula first, and after each
+    /// of them its forks.
     ///
     /// # Errors
     /// None that [`parse`](Self::parse) does not have.
     pub fn experiments(&self, seeds: &[u64]) -> Result<Vec<Planned<'_>>> {
         let mut experiments: Vec<Planned<'_>> = Vec::new();
-        for StudyArm { config, sequences, trains } in &self.arms {
+        for StudyArm { config, sequences, trains, forks } in &self.arms {
             for training in trains {
                 match training {
                     Training::Curriculum => {
-                        let curricula = sequences.curricula(seeds, config.shared.timesteps)?;
-                        experiments
-                            .extend(curricula.into_iter().map(|(curriculum, seeds)| (config, curriculum, seeds)));
+                        for (curriculum, seeds) in sequences.curricula(seeds, config.shared.timesteps)? {
+                            let parent = experiments.len();
+                            let of_fork = |fork: &'_ Fork| fork.curriculum(&curriculum);
+                            let forks: Vec<_> = forks.iter().filter_map(|fork| Some((fork, of_fork(fork)?))).collect();
+                            experiments.push(Planned { config, curriculum, seeds: seeds.clone(), fork: None });
+                            experiments.extend(forks.into_iter().map(|(fork, curriculum)| Planned {
+                                config: &fork.config,
+                                curriculum,
+                                seeds: seeds.clone(),
+                                fork: Some((fork, parent)),
+                            }));
+                        }
                     }
                     Training::FromScratch => {
                         let levels = sequences.single_levels(config.shared.timesteps);
-                        let single =
-                            |(level, timesteps)| (config, Curriculum::single(level, timesteps), seeds.to_vec());
-                        experiments.extend(levels.into_iter().map(single));
+                        experiments.extend(levels.into_iter().map(|(level, timesteps)| Planned {
+                            config,
+                            curriculum: Curriculum::single(level, timesteps),
+                            seeds: seeds.to_vec(),
+                            fork: None,
+                        }));
                     }
                 }
             }
@@ -168,7 +194,7 @@ impl StudyArm {
     /// How many experiments it makes, shifts by seed aside.
     fn num_experiments(&self) -> usize {
         let of = |training: &Training| match training {
-            Training::Curriculum => self.sequences.len(),
+            Training::Curriculum => self.sequences.len() * (1 + self.forks.len()),
             Training::FromScratch => self.sequences.single_levels(1).len(),
         };
         self.trains.iter().map(of).sum()
@@ -201,8 +227,11 @@ impl ArmReader<'_> {
             _ => None,
         };
         let timesteps = timesteps.or(of_sequence);
-        let arm = |config| StudyArm { config, sequences: sequences.clone(), trains: trains.clone() };
-        let Some(node) = fields.get("grid") else { return Ok(vec![arm(self.config(timesteps, None)?)]) };
+        let arm = |config: Config| -> Result<StudyArm> {
+            let forks = self.forks(&config, sequences, &trains)?;
+            Ok(StudyArm { config, sequences: sequences.clone(), trains: trains.clone(), forks })
+        };
+        let Some(node) = fields.get("grid") else { return Ok(vec![arm(self.config(timesteps, None)?)?]) };
         if let (Some((_, at, _)), Some(_)) =
             (node.map(source, "grid")?.iter().find(|(key, ..)| key == "timesteps"), sequences.timesteps())
         {
@@ -210,7 +239,35 @@ impl ArmReader<'_> {
             return Err(source.refuse(*at, problem).into());
         }
         let cells = grid::cells(node, source)?;
-        cells.iter().map(|cell| Ok(arm(self.config(timesteps, Some(cell))?))).collect()
+        cells.iter().map(|cell| arm(self.config(timesteps, Some(cell))?)).collect()
+    }
+
+    /// What goes on otherwise from stages of the arm's curricula.
+    fn forks(&self, config: &Config, sequences: &Sequences, trains: &[Training]) -> Result<Vec<Fork>> {
+        let Self { source, fields, .. } = self;
+        let Some(node) = fields.get("fork") else { return Ok(Vec::new()) };
+        if !trains.contains(&Training::Curriculum) {
+            let problem = "fork: the arm has no curriculum to go on from: add curriculum to trains";
+            return Err(source.refuse(node.at, problem).into());
+        }
+        let parent =
+            treatment_file::Parent { config, level: sequences.first_level(), stages: sequences.fewest_stages() };
+        let nodes = match &node.content {
+            Content::List(_) => node.list(source, "fork", "name a fork, or drop it")?.iter().collect(),
+            _ => vec![node],
+        };
+        let mut forks: Vec<Fork> = Vec::new();
+        for node in nodes {
+            for fork in treatment_file::forks(node, source, &parent)? {
+                if forks.iter().any(|known| known.suffix() == fork.suffix()) {
+                    let (name, after) = (&fork.treatment.name, fork.after);
+                    let problem = format!("fork: {name} after stage {after} stands twice: drop one of them");
+                    return Err(source.refuse(node.at, problem).into());
+                }
+                forks.push(fork);
+            }
+        }
+        Ok(forks)
     }
 
     /// The settings, with those of a grid's cell.

@@ -49,6 +49,9 @@ pub struct Manifest {
     pub marks: Vec<Marks>,
     /// Names of the levels it is evaluated on.
     pub levels: Vec<String>,
+    /// What it goes on from, if it is a fork: the stages up to that were its parent's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fork: Option<ForkEntry>,
     /// Every setting, resolved.
     pub config: Map<String, Value>,
     /// What the L2 penalty amounts to.
@@ -76,6 +79,19 @@ pub struct Manifest {
     pub updated: String,
     /// Seconds spent so far, over all starts.
     pub seconds: f64,
+}
+
+/// What a fork goes on from, and how.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ForkEntry {
+    /// The parent's directory, as it was given.
+    pub parent: String,
+    /// The number of the parent's stage whose agent it goes on with.
+    pub after: u16,
+    /// The treatment's name.
+    pub name: String,
+    /// The treatment as it was written; empty for one that changes nothing.
+    pub treatment: Map<String, Value>,
 }
 
 /// What computes the networks of a run.
@@ -222,8 +238,14 @@ impl Manifest {
             curriculum: curriculum.name.clone(),
             seed: plan.seed,
             stages: curriculum.stages.iter().map(stage).collect(),
-            stages_done: 0,
-            marks: Vec::new(),
+            stages_done: curriculum.begins,
+            marks: vec![Marks::new(); curriculum.begins.into()],
+            fork: plan.parents.map(|parents| ForkEntry {
+                parent: parents.of(plan.seed).display().to_string(),
+                after: parents.fork.after,
+                name: parents.fork.treatment.name.clone(),
+                treatment: parents.fork.treatment.written.clone(),
+            }),
             levels: curriculum.levels.iter().map(|level| level.name().to_owned()).collect(),
             config: config.to_json(),
             dose: Some(Dose::planned(config, curriculum)),
@@ -261,6 +283,11 @@ impl Manifest {
         }
         self.stages_done = 0;
         self.marks.clear();
+    }
+
+    /// The number of the stage that it began with: 0, or that after the fork.
+    pub fn begins(&self) -> u16 {
+        self.fork.as_ref().map_or(0, |fork| fork.after + 1)
     }
 
     /// The step limit of its episodes.

@@ -12,6 +12,7 @@ pub mod evaluations;
 pub mod lock;
 pub mod logs;
 pub mod manifest;
+mod parents;
 pub mod retention;
 mod rows;
 mod settings;
@@ -50,6 +51,7 @@ use standing::Found;
 
 pub use atomic::write as write_file;
 pub use lock::is_held;
+pub use parents::Parents;
 pub use settings::differences;
 pub use standing::Standing;
 
@@ -65,6 +67,8 @@ pub struct Plan<'a> {
     pub config: &'a Config,
     /// Its stages, and the levels that it is evaluated on.
     pub curriculum: &'a Curriculum,
+    /// What it goes on from, if it is a fork.
+    pub parents: Option<&'a Parents>,
     /// The seed's number.
     pub seed: u64,
     /// What computes its networks.
@@ -411,7 +415,7 @@ impl RunDir {
 /// Puts the damaged snapshots aside that were passed over; returns what to say of each.
 fn set_aside(damaged: Vec<(PathBuf, FileError)>, standing: &Standing) -> Result<Vec<String>> {
     let instead = match standing {
-        Standing::Fresh => "the run starts from its beginning",
+        Standing::Fresh(_) => "the run starts from its beginning",
         _ => "the run goes on from an older save",
     };
     let each = damaged.into_iter().map(|(file, problem)| {

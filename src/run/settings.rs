@@ -55,6 +55,14 @@ fn refuse_changes(run: &Path, old: &Manifest, plan: &Plan<'_>) -> Result<()> {
             changes.push(format!("{key}: {old} → {new}"));
         }
     }
+    // Wherever the parent lies by now.
+    let fork = |manifest: &Manifest| {
+        manifest.fork.as_ref().map(|fork| (fork.after, Value::Object(fork.treatment.clone()).to_string()))
+    };
+    if fork(old) != fork(new) {
+        let show = |manifest| fork(manifest).map_or("none".to_owned(), |(after, how)| format!("after {after} {how}"));
+        changes.push(format!("fork: {} → {}", show(old), show(new)));
+    }
     if changes.is_empty() {
         return Ok(());
     }

@@ -1,6 +1,7 @@
 //! Where a run stands: the newest state that is whole.
 
 use std::fmt::Display;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -8,6 +9,7 @@ use anyhow::{Context, Result};
 use super::checkpoint::{Checkpoint, FileError};
 use super::logs::{self, Marks};
 use super::manifest::Manifest;
+use super::parents::{first_agent, stage_agent};
 use super::snapshot::{self, SavedSnapshot};
 use super::{Plan, stage_checkpoint};
 use crate::agent::Stage;
@@ -20,8 +22,8 @@ use crate::error::UserError;
 /// Where a run goes on.
 #[derive(Debug)]
 pub enum Standing {
-    /// Nothing is done.
-    Fresh,
+    /// Nothing is done; this agent begins.
+    Fresh(Box<AgentState>),
     /// After a stage, with this agent.
     Between(Box<AgentState>),
     /// Within a stage.
@@ -36,7 +38,7 @@ impl Standing {
         match self {
             Self::Between(agent) => agent.counters.timesteps,
             Self::Within(snapshot) => snapshot.agent.counters.timesteps,
-            Self::Fresh | Self::Finished => 0,
+            Self::Fresh(_) | Self::Finished => 0,
         }
     }
 }
@@ -98,7 +100,7 @@ pub(super) fn find(
                 seconds: Some(saved.seconds),
                 file: Some(file),
                 damaged,
-                notices: damaged_stages(run, done),
+                notices: damaged_stages(run, plan.curriculum.begins..done),
             });
         }
         if extended {
@@ -111,8 +113,8 @@ pub(super) fn find(
             .into());
         }
     }
-    let Some(last) = done.checked_sub(1) else {
-        let (standing, marks) = (Standing::Fresh, Marks::new());
+    let Some(last) = done.checked_sub(1).filter(|_| done > plan.curriculum.begins) else {
+        let (standing, marks) = (Standing::Fresh(Box::new(first_agent(plan, network)?)), Marks::new());
         return Ok(Found {
             standing,
             marks,
@@ -123,7 +125,7 @@ pub(super) fn find(
             notices: Vec::new(),
         });
     };
-    let agent = last_agent(run, last, manifest, plan, network)?;
+    let agent = stage_agent(run, last, plan, &plan.config.copies(), network).map_err(needed)?;
     let finished = usize::from(done) == plan.curriculum.stages.len();
     let marks = match manifest.marks.get(usize::from(last)) {
         Some(marks) => marks.clone(),
@@ -176,31 +178,9 @@ fn refused(file: &Path, problem: impl Display, remedy: &str) -> UserError {
 }
 
 /// What to say of finished stages whose checkpoints are damaged: the run goes on without them.
-fn damaged_stages(run: &Path, done: u16) -> Vec<String> {
-    let checkpoints = (0..done).map(|stage| Checkpoint::read(&stage_checkpoint(run, stage)));
+fn damaged_stages(run: &Path, done: Range<u16>) -> Vec<String> {
+    let checkpoints = done.map(|stage| Checkpoint::read(&stage_checkpoint(run, stage)));
     checkpoints.filter_map(Result::err).map(|error| format!("{error}; the run continues without it")).collect()
-}
-
-/// The agent after stage `last`, if its checkpoint is this run's.
-fn last_agent(
-    run: &Path,
-    last: u16,
-    manifest: &Manifest,
-    plan: &Plan<'_>,
-    network: &Network,
-) -> Result<AgentState, UserError> {
-    let file = stage_checkpoint(run, last);
-    let Checkpoint { agent, origin, sensor, has_adam, network: found, .. } = Checkpoint::read(&file).map_err(needed)?;
-    let level = manifest.stages.get(usize::from(last)).map(|stage| stage.level.clone());
-    let own = (origin.seed, origin.stage, origin.level) == (Some(manifest.seed), Some(last), level);
-    let copies = plan.config.copies();
-    let whole = has_adam && copies.iter().all(|&name| agent.kept.copies.contains_key(name));
-    // Of another size it would be refused later, together with all seeds that it is computed together with.
-    let alike = sensor.name() == plan.config.shared.sensor.name() && found.tensors() == network.tensors();
-    if !own || !whole || !alike {
-        return Err(needed(format_args!("{}: not the checkpoint that this run wrote", file.display())));
-    }
-    Ok(agent)
 }
 
 /// What is wrong with a file that the run cannot go on without.

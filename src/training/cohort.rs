@@ -102,8 +102,7 @@ impl Run {
         let timesteps = standing.timesteps();
         let (agent, snapshot) = match standing {
             Standing::Finished => return Ok(Taken::Finished(FinishedRun::new(seed, &dir))),
-            Standing::Fresh => (experiment.config.agent(experiment.level(0), seed), None),
-            Standing::Between(agent) => (*agent, None),
+            Standing::Fresh(agent) | Standing::Between(agent) => (*agent, None),
             Standing::Within(snapshot) => (snapshot.agent.clone(), Some(*snapshot)),
         };
         if timesteps > 0 {
@@ -183,11 +182,11 @@ impl Cohort<'_> {
         let yaml = self.experiment.config.to_yaml();
         self.each(|experiment, _, run| {
             run.dir.write_config(&yaml)?;
-            if run.agent.counters.timesteps > 0 {
+            if !run.dir.evaluations().is_empty() {
                 return Ok(());
             }
             let results = evaluate_all(experiment, &network, &run.agent);
-            run.dir.evaluated(Phase::Before, 0, 0, &results)
+            run.dir.evaluated(Phase::Before, run.dir.stages_done(), run.agent.counters.timesteps, &results)
         });
         let (first, _, horizon) = self.runs[0].place();
         for stage in &self.experiment.curriculum.stages[usize::from(first)..] {

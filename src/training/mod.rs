@@ -6,10 +6,8 @@ pub mod progress;
 mod queue;
 pub mod saving;
 
-use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::mpsc::{Sender, channel};
-use std::sync::{Mutex, PoisonError};
 use std::thread::{self, ScopedJoinHandle};
 
 use anyhow::{Error, Result, anyhow};
@@ -21,7 +19,8 @@ use crate::agent::engine::EngineKind;
 use crate::experiment::Curriculum;
 use crate::run::evaluations::Row;
 use crate::run::manifest::Engine;
-use crate::run::{Plan, RunDir};
+use crate::run::{Parents, Plan, RunDir};
+use queue::Queue;
 use saving::{Saving, Stop};
 
 pub use queue::{Work, queue, seconds_until_done};
@@ -35,6 +34,8 @@ pub struct Experiment {
     pub curriculum: Curriculum,
     /// One run for each.
     pub seeds: Vec<u64>,
+    /// What they go on from, if they are forks.
+    pub parents: Option<Parents>,
     /// The experiment's folder.
     pub out: PathBuf,
     /// How networks are computed.
@@ -144,19 +145,19 @@ pub fn train(
         let look = |&seed: &u64| RunDir::look(&experiment.run_path(seed), &experiment.plan(seed));
         experiment.seeds.iter().try_for_each(look)?;
     }
-    let queue = queue(experiments, jobs);
+    let work = queue(experiments, jobs);
     let mut left = vec![0; experiments.len()];
-    queue.iter().for_each(|work| left[work.experiment] += 1);
+    work.iter().for_each(|work| left[work.experiment] += 1);
     // A directory is opened when its turn comes, since a process can have only so many files open.
-    let queue = Mutex::new(VecDeque::from(queue));
-    let next = || queue.lock().unwrap_or_else(PoisonError::into_inner).pop_front();
+    let queue = Queue::new(experiments, work);
     let mut outcomes: Vec<Outcome> = experiments.iter().map(|_| Outcome::default()).collect();
     let (news, received) = channel();
     thread::scope(|scope| -> Result<()> {
         let worker = |_| {
-            let (news, next) = (news.clone(), &next);
+            let (news, queue) = (news.clone(), &queue);
             scope.spawn(move || {
-                while let Some(Work { experiment, seeds }) = next().filter(|_| !stop.is_requested()) {
+                while let Some(taken) = queue.take(stop) {
+                    let Work { experiment, seeds } = taken.work;
                     let link = Link { experiment, news: &news, stop };
                     let outcome = cohort::train(&experiments[experiment], seeds, &link);
                     link.send(News::Ended(outcome));
@@ -214,14 +215,20 @@ impl Link<'_> {
 }
 
 impl Experiment {
-    /// `ppo, level-0`: the arm and the curriculum.
+    /// `ppo, level-0`: the arm and the curriculum, with the fork if it is one.
     pub fn label(&self) -> String {
-        format!("{}, {}", self.config.name, self.curriculum.name)
+        format!("{}, {}", self.config.name, self.name())
+    }
+
+    /// The curriculum's name, and what says how a fork differs from it: the name of the folder below the arm's.
+    pub fn name(&self) -> String {
+        let suffix = self.parents.as_ref().map(|parents| parents.fork.suffix());
+        self.curriculum.name.clone() + &suffix.unwrap_or_default()
     }
 
     /// The experiment's own folder.
     pub fn folder(&self) -> PathBuf {
-        self.out.join(&self.config.name).join(&self.curriculum.name)
+        self.out.join(&self.config.name).join(self.name())
     }
 
     /// The directory of a seed's run.
@@ -244,6 +251,7 @@ impl Experiment {
         Plan {
             config: &self.config,
             curriculum: &self.curriculum,
+            parents: self.parents.as_ref(),
             seed,
             engine,
             device: self.engine.device().to_string(),
@@ -270,6 +278,7 @@ impl Experiment {
             config: crate::agent::config::resolve(Some("ppo"), None, &[], None).unwrap(),
             curriculum,
             seeds: seeds.to_vec(),
+            parents: None,
             out: PathBuf::new(),
             engine,
             resume: false,

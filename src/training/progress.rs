@@ -57,9 +57,12 @@ impl<'a> Progress<'a> {
         let label = |seed: u64| run_label(experiments, experiment, seed);
         let curriculum = &experiments[experiment].curriculum;
         let of = curriculum.timesteps();
+        // A fork's agent has those of its parent behind it.
+        let own = |timesteps: u64| timesteps.saturating_sub(curriculum.timesteps_of_parent());
         match event {
             Event::Progress { seed, stage, timesteps, mean_return } => {
                 let id = (experiment, seed);
+                let timesteps = own(timesteps);
                 let at = self.runs.entry(id).or_insert_with(|| RunProgress::new(timesteps, 0, of));
                 (at.timesteps, at.stage, at.mean_return) = (timesteps, stage, mean_return);
                 self.update(id);
@@ -68,7 +71,7 @@ impl<'a> Progress<'a> {
                 self.runs.insert((experiment, seed), RunProgress::new(of, of, of));
             }
             Event::Resumed { seed, timesteps } => {
-                self.runs.insert((experiment, seed), RunProgress::new(timesteps, timesteps, of));
+                self.runs.insert((experiment, seed), RunProgress::new(own(timesteps), own(timesteps), of));
                 self.milestone(&format!("{} goes on after {timesteps} timesteps", label(seed)));
             }
             Event::StageDone { seed, stage } => {

@@ -1,8 +1,11 @@
 //! What is trained in which order.
 
 use std::cmp::Reverse;
+use std::collections::HashSet;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 use super::Experiment;
+use super::saving::Stop;
 
 /// Seeds of one experiment that one thread trains side by side.
 #[derive(Clone, Copy, Debug)]
@@ -23,6 +26,76 @@ pub fn queue(experiments: &[Experiment], jobs: usize) -> Vec<Work<'_>> {
     }
     queue.sort_by_key(|work: &Work<'_>| Reverse(experiments[work.experiment].curriculum.timesteps()));
     queue
+}
+
+/// What threads take their work from. A fork waits until its parents have ended.
+pub(super) struct Queue<'a> {
+    experiments: &'a [Experiment],
+    state: Mutex<State<'a>>,
+    /// Some work has ended.
+    ended: Condvar,
+}
+
+struct State<'a> {
+    /// In the order in which it is taken.
+    waiting: Vec<Work<'a>>,
+    /// Every experiment and seed that has not ended.
+    left: HashSet<(usize, u64)>,
+}
+
+/// Work of one thread, which has ended when this is dropped.
+pub(super) struct Taken<'q, 'a> {
+    queue: &'q Queue<'a>,
+    pub(super) work: Work<'a>,
+}
+
+impl<'a> Queue<'a> {
+    pub(super) fn new(experiments: &'a [Experiment], waiting: Vec<Work<'a>>) -> Self {
+        let left = waiting.iter().flat_map(Work::runs).collect();
+        Self { experiments, state: Mutex::new(State { waiting, left }), ended: Condvar::new() }
+    }
+
+    /// The next work that can be done, as soon as there is some. None once everything is taken, or a stop is requested.
+    pub(super) fn take(&self, stop: &Stop) -> Option<Taken<'_, 'a>> {
+        let mut state = self.lock();
+        loop {
+            if stop.is_requested() || state.waiting.is_empty() {
+                return None;
+            }
+            if let Some(next) = state.waiting.iter().position(|work| self.is_ready(work, &state.left)) {
+                return Some(Taken { queue: self, work: state.waiting.remove(next) });
+            }
+            // Somebody is at work on its parents, and says so when they end.
+            state = self.ended.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    /// Whether no parent of it is still to come. One that failed has ended, too: then the fork says what it misses.
+    fn is_ready(&self, work: &Work<'_>, left: &HashSet<(usize, u64)>) -> bool {
+        let parents = self.experiments[work.experiment].parents.as_ref().and_then(|parents| parents.experiment);
+        parents.is_none_or(|parents| !work.seeds.iter().any(|&seed| left.contains(&(parents, seed))))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State<'a>> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Drop for Taken<'_, '_> {
+    fn drop(&mut self) {
+        let mut state = self.queue.lock();
+        self.work.runs().for_each(|run| _ = state.left.remove(&run));
+        drop(state);
+        self.queue.ended.notify_all();
+    }
+}
+
+impl<'a> Work<'a> {
+    /// Its runs: experiment and seed.
+    fn runs(&self) -> impl Iterator<Item = (usize, u64)> + use<'a> {
+        let Self { experiment, seeds } = *self;
+        seeds.iter().map(move |&seed| (experiment, seed))
+    }
 }
 
 /// When `jobs` threads that take work of these seconds, one after another, are done with all of it.

@@ -115,6 +115,7 @@ impl Fake {
         let config = json!({ "name": self.arm, "max_steps": max_steps(self.levels[0]), "timesteps": self.timesteps });
         let finished = usize::from(self.stages_done) == self.levels.len();
         let mut manifest = Manifest {
+            fork: None,
             format: 1,
             status: (self.status)(finished),
             arm: self.arm.to_owned(),

@@ -13,6 +13,7 @@ mod dqn_schedule;
 mod fakes;
 mod faults;
 mod fixtures;
+mod forks;
 mod house;
 mod limits;
 mod lines;

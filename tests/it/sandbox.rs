@@ -197,13 +197,18 @@ impl RunFiles {
         reader.records().map(|record| row(record.expect("a row as long as the header"))).collect()
     }
 
+    /// The number of the stage that the run began with.
+    pub fn begins(&self) -> u64 {
+        self.manifest()["fork"]["after"].as_u64().map_or(0, |after| after + 1)
+    }
+
     /// Everything that the same seed must reproduce: stage checkpoints, evaluations, and progress but for the clock.
     #[track_caller]
     pub fn reproducible(&self) -> Reproducible {
         let stages = self.manifest()["stages_done"].as_u64().expect("a number");
         let checkpoint = |stage| self.bytes(&format!("checkpoints/stage-{stage}.safetensors"));
         Reproducible {
-            checkpoints: (0..stages).map(checkpoint).collect(),
+            checkpoints: (self.begins()..stages).map(checkpoint).collect(),
             evaluations: self.text("evaluations.csv"),
             progress: self.progress(),
         }

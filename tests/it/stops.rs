@@ -10,7 +10,7 @@ use crate::lines::{Lines, ended};
 use crate::sandbox::{Reproducible, RunFiles, Sandbox};
 
 /// Timesteps of a stage that is long enough to be stopped in its midst.
-const LONG: u32 = 30_000;
+pub const LONG: u32 = 30_000;
 
 /// Three stages, saved often; seeds are for the caller to choose.
 pub fn command(algo: &str, out: &str) -> String {

@@ -11,8 +11,14 @@ use crate::ROOT;
 use crate::sandbox::Sandbox;
 
 /// The studies beside the paper's, with their runs for one seed.
-const STUDIES: [(&str, usize); 4] =
-    [("a-b-a-b", 3 * (1 + 2)), ("dose", 6 * (1 + 5)), ("generated-60", 2), ("orders", 120 + 5)];
+const STUDIES: [(&str, usize); 6] = [
+    ("a-b-a-b", 3 * (1 + 2)),
+    ("dose", 6 * (1 + 5)),
+    ("generated-60", 2),
+    ("orders", 120 + 5),
+    ("why", 2 * (1 + 5) + 4 * (7 + 4 + 7)),
+    ("why-dqn", 1 + 5 + 4 * (7 + 3)),
+];
 
 fn studies() -> PathBuf {
     Path::new(ROOT).join("configs/studies")
@@ -112,6 +118,22 @@ fn levels_that_take_turns_are_trained_reported_and_resumed() {
     assert_eq!(ppo["matrix"]["levels"], json!([0, 1]));
     assert_eq!(ppo["matrix"]["rows"].as_array().map(Vec::len), Some(5));
     assert_eq!(ppo["curves"].as_array().map(Vec::len), Some(4));
+}
+
+#[test]
+fn every_fork_of_the_question_why_is_trained() {
+    for (name, parent) in [("why", "ppo-eps"), ("why-dqn", "dqn-constant-eps")] {
+        let sandbox = trained(name, "--timesteps 64");
+        let forks = fs::read_dir(sandbox.path(&format!("runs/{name}/{parent}"))).expect("a folder");
+        let forks = forks.map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned());
+        let forks: Vec<String> = forks.filter(|folder| folder.contains("+after-3+")).collect();
+        assert_eq!(forks.len(), if name == "why" { 11 } else { 10 }, "{forks:?}");
+        for folder in forks {
+            let manifest = sandbox.run(&format!("{name}/{parent}/{folder}/seed-0")).manifest();
+            assert_eq!(manifest["status"]["state"], "finished");
+            assert_eq!(manifest["fork"]["parent"], format!("runs/{name}/{parent}/curriculum/seed-0"));
+        }
+    }
 }
 
 #[test]

@@ -170,10 +170,10 @@ impl PlannedRun {
         let stage = |stage: &Stage| PlannedStage { level: stage.level.name().to_owned(), timesteps: stage.timesteps };
         Self {
             arm: experiment.config.name.clone(),
-            sequence: experiment.curriculum.name.clone(),
+            sequence: experiment.name(),
             seed,
             path: experiment.run_path(seed),
-            stages: experiment.curriculum.stages.iter().map(stage).collect(),
+            stages: experiment.curriculum.trained().iter().map(stage).collect(),
             timesteps: experiment.curriculum.timesteps(),
             timesteps_left,
         }
@@ -208,6 +208,6 @@ fn timesteps_left(experiment: &Experiment, seed: u64) -> u64 {
         finished.map(|stage| stage.timesteps).collect()
     });
     let done = finished.into_iter().chain(repeat(0));
-    let left = experiment.curriculum.stages.iter().zip(done).map(|(stage, done)| stage.timesteps.saturating_sub(done));
-    left.fold(0, u64::saturating_add)
+    let stages = experiment.curriculum.stages.iter().zip(done).skip(experiment.curriculum.begins.into());
+    stages.map(|(stage, done)| stage.timesteps.saturating_sub(done)).fold(0, u64::saturating_add)
 }

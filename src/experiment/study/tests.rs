@@ -7,9 +7,11 @@ fn parse(text: &str) -> Result<Study> {
 /// `arm/sequence: stages` of everything that is trained for these seeds.
 fn planned(text: &str, seeds: &[u64]) -> Vec<String> {
     let study = parse(text).unwrap_or_else(|error| panic!("{error:#} in\n{text}"));
-    let show = |(config, curriculum, seeds): Planned<'_>| {
-        let stages = curriculum.stages.iter().map(|s| format!("{}×{}", s.level.name(), s.timesteps));
-        format!("{}/{}: {} for {seeds:?}", config.name, curriculum.name, stages.collect::<Vec<_>>().join(" "))
+    let show = |Planned { config, curriculum, seeds, fork }: Planned<'_>| {
+        let stages = curriculum.trained().iter().map(|s| format!("{}×{}", s.level.name(), s.timesteps));
+        let stages = stages.collect::<Vec<_>>().join(" ");
+        let suffix = fork.map_or_else(String::new, |(fork, _)| fork.suffix());
+        format!("{}/{}{suffix}: {stages} for {seeds:?}", config.name, curriculum.name)
     };
     study.experiments(seeds).unwrap().into_iter().map(show).collect()
 }
@@ -22,7 +24,7 @@ fn the_paper_has_its_arms_and_levels() {
     let experiments = study.experiments(&[0]).unwrap();
     // Six curricula, and five arms on five levels from scratch.
     assert_eq!(experiments.len(), 6 + 5 * 5);
-    let timesteps: u64 = experiments.iter().map(|(_, curriculum, _)| curriculum.timesteps()).sum();
+    let timesteps: u64 = experiments.iter().map(|planned| planned.curriculum.timesteps()).sum();
     assert_eq!(timesteps, 4 * 5_000_000 + 7 * 2_500_000);
     let short = Study::paper(Some(1000)).unwrap();
     assert!(short.arms.iter().all(|arm| arm.config.shared.timesteps == 1000));
@@ -71,7 +73,7 @@ fn timesteps_of_all_stages_are_the_setting_of_that_name() {
     assert_eq!(parse(text).unwrap().arms[0].config.shared.timesteps, 7);
     let short = Study::parse(text, Path::new("study.yaml"), Some(3)).unwrap();
     assert_eq!(short.arms[0].config.shared.timesteps, 3);
-    assert_eq!(short.experiments(&[0]).unwrap()[0].1.timesteps(), 6);
+    assert_eq!(short.experiments(&[0]).unwrap()[0].curriculum.timesteps(), 6);
 }
 
 #[test]
@@ -106,7 +108,7 @@ fn an_arm_may_have_a_sequence_of_its_own() {
 fn generated_levels_are_the_same_every_time() {
     let text = "name: x\nlevels:\n  generate: {height: 5, width: 6, wall_density: 0.1, targets: 2, count: 3, seed: 7}\n\
                 arms: [{algo: ppo, trains: [curriculum]}]\n";
-    let levels = |study: &Study| study.experiments(&[0]).unwrap().remove(0).1.levels;
+    let levels = |study: &Study| study.experiments(&[0]).unwrap().remove(0).curriculum.levels;
     let (once, again) = (levels(&parse(text).unwrap()), levels(&parse(text).unwrap()));
     assert_eq!(once, again);
     let names: Vec<&str> = once.iter().map(|level| level.name()).collect();

@@ -1,0 +1,88 @@
+//! Forks: agents that go on from the end of a stage under a treatment, beside the curriculum that they come from.
+
+use serde_json::Value;
+
+use super::curriculum::Curriculum;
+use super::grid::shortest;
+use crate::agent::config::Config;
+use crate::agent::treatment::{NONE, OfCopy, Parts, Treatment};
+
+/// Where agents go on otherwise, and how.
+#[derive(Clone, Debug)]
+pub struct Fork {
+    /// The number of the finished stage.
+    pub after: u16,
+    /// How many of the stages that follow are trained.
+    pub stages: u16,
+    /// What is done to the agents.
+    pub treatment: Treatment,
+    /// The settings that they go on with: their parent's with those of the treatment.
+    pub config: Config,
+}
+
+impl Fork {
+    /// What is added to the name of the sequence's folder.
+    pub fn suffix(&self) -> String {
+        format!("+after-{}+{}", self.after, self.treatment.name)
+    }
+
+    /// The stages that are trained. None where the curriculum has too few.
+    pub fn curriculum(&self, parent: &Curriculum) -> Option<Curriculum> {
+        parent.forked(self.after, self.stages)
+    }
+}
+
+/// A name that says a treatment: `weights-fresh+policy.2-0.02`.
+pub(super) fn name_of(treatment: &Treatment) -> String {
+    let Treatment { weights, optimizer, scales, copies, sets, .. } = treatment;
+    let mut parts = Vec::new();
+    for (what, of) in [("weights", weights), ("optimizer", optimizer)] {
+        match of {
+            Parts::Nothing => {}
+            Parts::All => parts.push(format!("{what}-fresh")),
+            Parts::Places(places) => {
+                let names: Vec<&str> = places.iter().map(|place| place.0.as_str()).collect();
+                parts.push(format!("{what}-{}", names.join("_")));
+            }
+        }
+    }
+    parts.extend(scales.iter().map(|(place, factor)| format!("{}-{}", place.0, shortest(*factor))));
+    for (name, of_copy) in copies {
+        let word = OF_COPY.iter().find(|(_, known)| known == of_copy).map_or("", |(word, _)| word);
+        parts.push(format!("{name}-{word}"));
+    }
+    for set in sets {
+        let keep = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '-' };
+        let readable = set.replace(['[', ']', '"', ' '], "");
+        parts.push(readable.chars().map(keep).collect());
+    }
+    if parts.is_empty() { NONE.to_owned() } else { parts.join("+") }
+}
+
+/// What becomes of a copy, each with its word.
+pub(super) const OF_COPY: [(&str, OfCopy); 3] =
+    [("follow", OfCopy::Follow), ("keep", OfCopy::Keep), ("renew", OfCopy::Renew)];
+
+/// Settings that a treatment cannot change, since the agent, its stages or its place depend on them.
+const FIXED: [&str; 4] = ["name", "algorithm", "extends", "timesteps"];
+
+/// The settings of a fork: its parent's with those of the treatment.
+pub(super) fn config_of(treatment: &Treatment, parent: &Config) -> Result<Config, String> {
+    for set in &treatment.sets {
+        let key = set.split('=').next().unwrap_or_default().trim();
+        if FIXED.contains(&key) {
+            return Err(format!("set: {key}: a fork keeps that of its parent: drop it"));
+        }
+    }
+    let config = parent.with_sets(&treatment.sets).map_err(|error| error.to_string())?;
+    let of_agent = |config: &Config| {
+        let all = config.to_json();
+        let keys = ["hidden", "activation", "layer_norm", "sensor"];
+        keys.map(|key| (key, all.get(key).cloned().unwrap_or(Value::Null)))
+    };
+    let changed = of_agent(parent).into_iter().zip(of_agent(&config)).find(|(old, new)| old != new);
+    if let Some(((key, old), (_, new))) = changed {
+        return Err(format!("set: {key}: the agent comes with {old}, which cannot become {new}: drop it"));
+    }
+    Ok(config)
+}
