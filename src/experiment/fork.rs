@@ -23,13 +23,18 @@ pub struct Fork {
 impl Fork {
     /// What is added to the name of the sequence's folder.
     pub fn suffix(&self) -> String {
-        format!("+after-{}+{}", self.after, self.treatment.name)
+        suffix(self.after, &self.treatment.name)
     }
 
     /// The stages that are trained. None where the curriculum has too few.
     pub fn curriculum(&self, parent: &Curriculum) -> Option<Curriculum> {
         parent.forked(self.after, self.stages)
     }
+}
+
+/// What the name of a fork's folder has after that of its sequence.
+pub fn suffix(after: u16, treatment: &str) -> String {
+    format!("+after-{after}+{treatment}")
 }
 
 /// A name that says a treatment: `weights-fresh+policy.2-0.02`.

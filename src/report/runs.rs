@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::find::{NoRun, find_runs};
 use super::{Cell, Table};
 use crate::error::UserError;
+use crate::experiment::fork::suffix;
 use crate::run::{is_held, logs, manifest};
 use log_tail::LogTail;
 
@@ -67,6 +68,14 @@ struct Head {
     seed: u64,
     stages: Vec<Stage>,
     stages_done: u16,
+    #[serde(default)]
+    fork: Option<Fork>,
+}
+
+#[derive(Deserialize)]
+struct Fork {
+    after: u16,
+    name: String,
 }
 
 #[derive(Deserialize)]
@@ -200,9 +209,10 @@ impl RunState {
         let log = LogTail::read(&path.join(logs::PROGRESS)).ok().flatten();
         let killed = head.status.state == "running" && !is_held(&path);
         let (stage, progress) = head.stage_and_progress(log.as_ref());
+        let suffix = head.fork.map(|fork| suffix(fork.after, &fork.name)).unwrap_or_default();
         Self {
             arm: Some(head.arm),
-            curriculum: Some(head.curriculum),
+            curriculum: Some(head.curriculum + &suffix),
             seed: Some(head.seed),
             status: if killed { "killed".to_owned() } else { head.status.state },
             why: head.status.why,
@@ -257,17 +267,19 @@ impl Head {
         serde_json::from_str(&text).map_err(|error| anyhow!("manifest.json is not cpp-rl's: {error}"))
     }
 
-    /// The stage it is in, and the share of all timesteps that are done.
+    /// The stage it is in, and the share of its timesteps that are done.
     fn stage_and_progress(&self, log: Option<&LogTail>) -> (u16, f64) {
         let last = u16::try_from(self.stages.len()).unwrap_or(u16::MAX).saturating_sub(1);
         let logged = log.and_then(|log| Some((log.last("stage")? as u16, log.last("time/total_timesteps")?)));
         let (stage, timesteps) =
             logged.filter(|(stage, _)| *stage >= self.stages_done).unwrap_or((self.stages_done, 0.0));
         let asked = |stage: &Stage| stage.timesteps as f64;
-        let before: f64 = self.stages.iter().take(usize::from(stage)).map(asked).sum();
+        // Those before were the parent's of a fork.
+        let begins = self.fork.as_ref().map_or(0, |fork| usize::from(fork.after) + 1);
+        let before: f64 = self.stages.iter().take(usize::from(stage)).skip(begins).map(asked).sum();
         // PPO goes on to the end of its rollout, past the timesteps asked for.
         let within = self.stages.get(usize::from(stage)).map_or(0.0, |s| timesteps.min(asked(s)));
-        let total: f64 = self.stages.iter().map(asked).sum();
+        let total: f64 = self.stages.iter().skip(begins).map(asked).sum();
         (stage.min(last), if total > 0.0 { (before + within) / total } else { 1.0 })
     }
 }

@@ -155,11 +155,13 @@ fn settings_of_a_treatment_are_the_forks_own() {
     assert_eq!((&sure["ent_coef"], &sure["mitigations"]), (&json!(0.5), &json!(["redo"])));
     assert_eq!((&slow["learning_rate"], &slow["name"]), (&json!(1e-5), &json!("ppo")));
     assert_eq!(config("curriculum")["learning_rate"], json!(1e-3));
-    // What is measured and shown of a fork is told by the commands that list runs.
+    // A fork is listed as a run of its own, of which its own stages count.
     let runs = sandbox.json("runs runs/s");
     let runs = runs["runs"].as_array().or(runs.as_array()).expect("a list");
     let done = |run: &&Value| run["progress"] == json!(1.0);
     assert_eq!((runs.len(), runs.iter().filter(done).count()), (3, 3), "{runs:?}");
+    let named = |name: &str| runs.iter().any(|run| run["curriculum"] == name);
+    assert!(named("curriculum+after-1+sure") && named("curriculum"), "{runs:?}");
 }
 
 #[test]
