@@ -14,6 +14,7 @@ use super::training::{LaunchArgs, carry_out, conclude};
 use crate::agent::config::Config;
 use crate::error::UserError;
 use crate::experiment::curriculum::LEVEL;
+use crate::experiment::timesteps::POSSIBLE;
 use crate::experiment::{Curriculum, Fork, parse_treatment};
 use crate::messages::Verbosity;
 use crate::report::Format;
@@ -49,6 +50,9 @@ pub struct ForkArgs {
     /// How many of the stages that follow are trained.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
     stages: u16,
+    /// Timesteps of each of them [default: those of the stages that they replace].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(POSSIBLE))]
+    timesteps: Option<u64>,
     /// What is done to the agents, as a YAML mapping; may be given many times.
     #[arg(long, value_name = "TREATMENT", required = true)]
     treatment: Vec<String>,
@@ -162,7 +166,7 @@ impl ForkArgs {
     /// Adds a parent under a treatment: a seed more of an experiment that is there, or an experiment of its own.
     fn add(&self, experiments: &mut Vec<Experiment>, parent: &Parent, text: &str) -> Result<()> {
         let (treatment, config) = parse_treatment(text, &parent.config, &parent.curriculum.levels[0])?;
-        let fork = Fork { after: self.after, stages: self.stages, treatment, config };
+        let fork = Fork { after: self.after, stages: self.stages, timesteps: self.timesteps, treatment, config };
         let Some(curriculum) = fork.curriculum(&parent.curriculum) else {
             return Err(UserError::new(format!("{}: too few stages", parent.path.display())).into());
         };

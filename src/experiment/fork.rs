@@ -14,6 +14,8 @@ pub struct Fork {
     pub after: u16,
     /// How many of the stages that follow are trained.
     pub stages: u16,
+    /// Timesteps of each of them; none for as many as the stage has that it replaces.
+    pub timesteps: Option<u64>,
     /// What is done to the agents.
     pub treatment: Treatment,
     /// The settings that they go on with: their parent's with those of the treatment.
@@ -28,7 +30,14 @@ impl Fork {
 
     /// The stages that are trained. None where the curriculum has too few.
     pub fn curriculum(&self, parent: &Curriculum) -> Option<Curriculum> {
-        parent.forked(self.after, self.stages)
+        let mut curriculum = parent.forked(self.after, self.stages)?;
+        if let Some(timesteps) = self.timesteps {
+            let begins = curriculum.begins.into();
+            for stage in curriculum.stages.iter_mut().skip(begins) {
+                (stage.timesteps, stage.horizon) = (timesteps, timesteps);
+            }
+        }
+        Some(curriculum)
     }
 }
 

@@ -226,9 +226,13 @@ impl ArmReader<'_> {
             Some(Timesteps::Each(timesteps)) => Some(*timesteps),
             _ => None,
         };
+        let timesteps_for_all = timesteps;
         let timesteps = timesteps.or(of_sequence);
         let arm = |config: Config| -> Result<StudyArm> {
-            let forks = self.forks(&config, sequences, &trains)?;
+            let mut forks = self.forks(&config, sequences, &trains)?;
+            if timesteps_for_all.is_some() {
+                forks.iter_mut().for_each(|fork| fork.timesteps = None);
+            }
             Ok(StudyArm { config, sequences: sequences.clone(), trains: trains.clone(), forks })
         };
         let Some(node) = fields.get("grid") else { return Ok(vec![arm(self.config(timesteps, None)?)?]) };

@@ -7,12 +7,13 @@ use serde_json::Map;
 
 use super::fork::{Fork, OF_COPY, config_of, name_of};
 use super::node::{Content, Node, Source};
+use super::timesteps::POSSIBLE;
 use crate::agent::config::Config;
 use crate::agent::treatment::{NONE, Parts, Place, Treatment};
 use crate::config::{check_name, nearest};
 use crate::error::UserError;
 
-const FORK_KEYS: [&str; 4] = ["after", "stages", "treatments", "grid"];
+const FORK_KEYS: [&str; 5] = ["after", "stages", "timesteps", "treatments", "grid"];
 const TREATMENT_KEYS: [&str; 4] = ["weights", "optimizer", "scale", "set"];
 /// The most treatments of one grid.
 const MAX_CELLS: usize = 10_000;
@@ -61,6 +62,8 @@ pub(super) fn forks(node: &Node, source: &Source<'_>, parent: &Parent<'_>) -> Re
         }
         None => 1,
     };
+    let timesteps = fields.get("timesteps");
+    let timesteps = timesteps.map(|node| node.integer(source, "fork: timesteps", POSSIBLE)).transpose()?;
     let mut treatments: Vec<(Treatment, Config)> = Vec::new();
     let mut add = |treatment: Treatment, config, node: &Node| {
         if treatments.iter().any(|(known, _)| known.name == treatment.name) {
@@ -100,6 +103,7 @@ pub(super) fn forks(node: &Node, source: &Source<'_>, parent: &Parent<'_>) -> Re
         let fork = move |(treatment, config): &(Treatment, Config)| Fork {
             after,
             stages,
+            timesteps,
             treatment: treatment.clone(),
             config: config.clone(),
         };

@@ -218,6 +218,24 @@ fn what_cannot_be_forked_is_refused_with_its_place() {
 }
 
 #[test]
+fn a_fork_may_have_timesteps_of_its_own() {
+    let sandbox = Sandbox::new();
+    sandbox.write("s.yaml", study("ppo", "{after: 0, timesteps: 128, treatments: {none: {}}}"));
+    sandbox.succeeds("study s.yaml --seeds 0");
+    sandbox.succeeds("fork runs/s --after 1 --timesteps 64 --treatment {}");
+    let timesteps = |run: RunFiles| {
+        let stages = run.manifest()["stages"].clone();
+        let of_stage = |stage: &Value| stage["timesteps"].as_u64().expect("a number");
+        stages.as_array().expect("stages").iter().map(of_stage).collect::<Vec<_>>()
+    };
+    assert_eq!(timesteps(sandbox.run("s/ppo/curriculum+after-0+none/seed-0")), [256, 128]);
+    assert_eq!(timesteps(sandbox.run("fork/ppo/curriculum+after-1+none/seed-0")), [256, 256, 64]);
+    // What is said for everything counts for forks, too.
+    sandbox.succeeds("study s.yaml --seeds 1 --timesteps 192");
+    assert_eq!(timesteps(sandbox.run("s/ppo/curriculum+after-0+none/seed-1")), [192, 192]);
+}
+
+#[test]
 fn a_fork_without_its_parents_stage_says_what_is_missing() {
     let sandbox = Sandbox::new();
     sandbox.write("s.yaml", study("ppo", "{after: 0, treatments: {none: {}}}"));
