@@ -43,16 +43,24 @@ pub(crate) fn encode(values: &[f32]) -> Message {
         .doubles(7, buckets.iter().map(|(_, count)| *count as f64))
 }
 
+/// The buckets of the finite numbers whose first 16 bits are the index and the others 0: sign, exponent and 7 bits of the
+/// mantissa. Numbers that begin alike differ by less than a hundredth, and a bucket's ends by a tenth.
+static NEAR: LazyLock<Vec<u16>> = LazyLock::new(|| {
+    let near = |first: u16| {
+        let value = f32::from_bits(u32::from(first) << 16);
+        if value.is_finite() { LIMITS.partition_point(|&limit| limit <= f64::from(value)) as u16 } else { 0 }
+    };
+    (0..=u16::MAX).map(near).collect()
+});
+
 /// The bucket of a finite value: the first whose end is larger.
 fn bucket(value: f64) -> usize {
-    // The ends are powers, so that a logarithm comes near the place, and faster than a search.
-    let zero = LIMITS.len() / 2 - 1;
-    let powers = ((value.abs() / SMALLEST).ln() / GROWTH.ln()).max(0.0) as usize;
-    let mut at = if value < 0.0 { zero.saturating_sub(powers) } else { (zero + powers).min(LIMITS.len() - 1) };
-    while LIMITS[at] <= value {
+    let limits = &LIMITS[..];
+    let mut at = usize::from(NEAR[((value as f32).to_bits() >> 16) as usize]);
+    while limits[at] <= value {
         at += 1;
     }
-    while at > 0 && LIMITS[at - 1] > value {
+    while at > 0 && limits[at - 1] > value {
         at -= 1;
     }
     at
