@@ -10,7 +10,7 @@ pub(super) const MEASURES: &[Measure] = &[Measure {
     formula: "exp(−Σ pᵢ ln pᵢ), pᵢ = σᵢ / Σσ",
     source: "Roy & Vetterli 2007",
     loss: Loss::Falls,
-    of: Of::Hidden(|hidden| effective_rank(hidden.spectrum())),
+    of: Of::Hidden(|hidden| effective_rank(&hidden.spectra().plain)),
 }];
 
 pub(super) fn effective_rank(spectrum: &Spectrum) -> f64 {
@@ -38,6 +38,6 @@ mod tests {
 
     #[test]
     fn constant_silent_and_infinite_layers() {
-        assert_rank_of_edges(|rows| effective_rank(hidden(rows, Units::Tanh).spectrum()));
+        assert_rank_of_edges(|rows| effective_rank(&hidden(rows, Units::Tanh).spectra().plain));
     }
 }

@@ -11,7 +11,7 @@ mod sample;
 mod spectrum;
 
 pub use sample::{Head, Hidden, Layer, Sample, Units, Update};
-pub use spectrum::Spectrum;
+pub use spectrum::{Spectra, Spectrum};
 
 /// What the names of all columns of measures begin with.
 pub const PREFIX: &str = "plasticity/";

@@ -10,7 +10,7 @@ pub(super) const MEASURES: &[Measure] = &[Measure {
     formula: "the least k with σ₁ + … + σₖ > 0.99 Σσ",
     source: "Kumar et al. (2021)",
     loss: Loss::Falls,
-    of: Of::Hidden(|hidden| rank_99(hidden.spectrum())),
+    of: Of::Hidden(|hidden| rank_99(&hidden.spectra().plain)),
 }];
 
 fn rank_99(spectrum: &Spectrum) -> f64 {
@@ -42,6 +42,6 @@ mod tests {
 
     #[test]
     fn constant_silent_and_infinite_layers() {
-        assert_rank_of_edges(|rows| rank_99(hidden(rows, Units::Tanh).spectrum()));
+        assert_rank_of_edges(|rows| rank_99(&hidden(rows, Units::Tanh).spectra().plain));
     }
 }

@@ -2,7 +2,7 @@
 
 use std::cell::OnceCell;
 
-use super::Spectrum;
+use super::Spectra;
 
 /// One agent at one measurement.
 #[derive(Debug)]
@@ -72,7 +72,7 @@ pub struct Hidden {
     /// K.
     width: usize,
     units: Units,
-    spectrum: OnceCell<Spectrum>,
+    spectra: OnceCell<Spectra>,
 }
 
 /// What the units of a hidden layer compute.
@@ -102,7 +102,7 @@ impl Hidden {
     pub fn new(activations: Vec<f64>, width: usize, units: Units) -> Self {
         let whole = width > 0 && !activations.is_empty() && activations.len().is_multiple_of(width);
         assert!(whole, "{} activations are no rows of {width}", activations.len());
-        Self { activations, width, units, spectrum: OnceCell::new() }
+        Self { activations, width, units, spectra: OnceCell::new() }
     }
 
     /// What its units compute.
@@ -139,9 +139,9 @@ impl Hidden {
         share(&always, |&always| always)
     }
 
-    /// The singular values of h as it is: no mean is taken away. They are computed once for all measures.
-    pub fn spectrum(&self) -> &Spectrum {
-        self.spectrum.get_or_init(|| Spectrum::of(&self.activations, self.width))
+    /// The singular values of h, as it is and without each unit's mean. They are computed once for all measures.
+    pub fn spectra(&self) -> &Spectra {
+        self.spectra.get_or_init(|| Spectra::of(&self.activations, self.width))
     }
 }
 

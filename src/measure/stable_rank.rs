@@ -10,7 +10,7 @@ pub(super) const MEASURES: &[Measure] = &[Measure {
     formula: "Σσ² / σ₁² = ‖h‖²_F / ‖h‖²₂",
     source: "",
     loss: Loss::Falls,
-    of: Of::Hidden(|hidden| stable_rank(hidden.spectrum())),
+    of: Of::Hidden(|hidden| stable_rank(&hidden.spectra().plain)),
 }];
 
 fn stable_rank(spectrum: &Spectrum) -> f64 {
@@ -35,6 +35,6 @@ mod tests {
 
     #[test]
     fn constant_silent_and_infinite_layers() {
-        assert_rank_of_edges(|rows| stable_rank(hidden(rows, Units::Tanh).spectrum()));
+        assert_rank_of_edges(|rows| stable_rank(&hidden(rows, Units::Tanh).spectra().plain));
     }
 }
