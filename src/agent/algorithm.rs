@@ -5,6 +5,7 @@ use std::fmt::Debug;
 
 use coverage_env::Level;
 
+use super::choice::Behaviour;
 use super::engine::Engine;
 use super::learner::Learner;
 use super::mitigation::Regimen;
@@ -22,6 +23,8 @@ pub trait Algorithm: Settings + Any + Debug + Send + Sync {
     fn defaults(&self, shared: &mut Shared);
     /// What the outputs of the acting tower mean.
     fn outputs(&self) -> Outputs;
+    /// How its agents choose actions after this many timesteps of a stage; what DQN does before it learns is left out.
+    fn behaviour(&self, stage: &Stage, timesteps: u64) -> Behaviour;
     /// The towers of its network; the first one acts.
     fn heads(&self) -> &'static [Head];
     /// Copies of the parameters that its agents carry, by name.

@@ -1,6 +1,33 @@
 //! From a network's outputs to actions.
 
 use coverage_env::Action;
+use coverage_env::random::{below, unit_f32, unit_f64};
+use rand::Rng;
+
+/// How an agent chooses its actions while it trains.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Behaviour {
+    /// It samples from the softmax of its outputs.
+    Sampled,
+    /// It takes an action of the largest value, and with this probability ε any action.
+    EpsilonGreedy(f64),
+}
+
+impl Behaviour {
+    /// An action by these outputs, `[A]`.
+    pub fn choose<R: Rng>(self, outputs: &[f32], rng: &mut R) -> Action {
+        match self {
+            Self::Sampled => sample(outputs, unit_f32(rng)),
+            Self::EpsilonGreedy(epsilon) if unit_f64(rng) < epsilon => uniform(rng),
+            Self::EpsilonGreedy(_) => greedy(outputs),
+        }
+    }
+}
+
+/// Any action, each with the same probability.
+pub fn uniform<R: Rng>(rng: &mut R) -> Action {
+    Action::ALL[below(rng, Action::COUNT as u32) as usize]
+}
 
 /// The action of the largest value, the lowest index among equals.
 pub fn greedy(values: &[f32]) -> Action {

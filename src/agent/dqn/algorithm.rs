@@ -3,15 +3,18 @@
 use bit_mlp::Activation;
 use coverage_env::{Action, Level};
 
+use super::exploration::Exploration;
 use super::learner::Dqn;
 use super::loss::TARGET;
 use super::replay::ReplayState;
 use super::settings::DqnConfig;
 use crate::agent::algorithm::{Algorithm, Misfit, Setup};
+use crate::agent::choice::Behaviour;
 use crate::agent::learner::Learner;
 use crate::agent::network::{Head, Init, Outputs};
 use crate::agent::shared::Shared;
 use crate::agent::snapshot::Snapshot;
+use crate::agent::stage::Stage;
 
 /// One tower: action values `[inputs] → [4]`.
 const HEADS: [Head; 1] = [Head { name: "q", outputs: Action::COUNT, init: Init::Uniform }];
@@ -30,6 +33,10 @@ impl Algorithm for DqnConfig {
 
     fn outputs(&self) -> Outputs {
         Outputs::Values
+    }
+
+    fn behaviour(&self, stage: &Stage, timesteps: u64) -> Behaviour {
+        Behaviour::EpsilonGreedy(Exploration::new(self, stage).epsilon(timesteps))
     }
 
     fn heads(&self) -> &'static [Head] {

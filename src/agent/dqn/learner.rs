@@ -1,7 +1,6 @@
 //! The loop: act, store, learn.
 
 use bit_mlp::BitBatch;
-use coverage_env::random::{below, unit_f64};
 use coverage_env::{Action, Sensor, VecEnv};
 
 use super::exploration::Exploration;
@@ -9,7 +8,7 @@ use super::loss::{DqnLoss, TARGET};
 use super::replay::{Replay, ReplayState, Transitions};
 use super::settings::DqnConfig;
 use crate::agent::algorithm::Setup;
-use crate::agent::choice::greedy;
+use crate::agent::choice::{Behaviour, uniform};
 use crate::agent::engine::{Engine, Loss};
 use crate::agent::episodes::EpisodeWindow;
 use crate::agent::learner::{Learner, Metrics, weight_norm};
@@ -123,7 +122,7 @@ impl Dqn {
     /// Chooses ε-greedy actions, takes them, and stores the transitions.
     fn act(&mut self) {
         let random = self.timesteps < self.config.learning_starts;
-        let epsilon = self.exploration.epsilon(self.timesteps);
+        let behaviour = Behaviour::EpsilonGreedy(self.exploration.epsilon(self.timesteps));
         if !random {
             for (seed, current) in self.seeds.iter().zip(&mut self.current) {
                 observe(self.sensor, &seed.envs, current);
@@ -133,9 +132,8 @@ impl Dqn {
         for (seed, values) in self.seeds.iter_mut().zip(self.values.chunks_exact(self.num_envs * Action::COUNT)) {
             seed.chosen.clear();
             for values in values.chunks_exact(Action::COUNT) {
-                let explore = random || unit_f64(&mut seed.actions) < epsilon;
-                let uniform = |actions: &mut Stream| Action::ALL[below(actions, Action::COUNT as u32) as usize];
-                seed.chosen.push(if explore { uniform(&mut seed.actions) } else { greedy(values) });
+                let actions = &mut seed.actions;
+                seed.chosen.push(if random { uniform(actions) } else { behaviour.choose(values, actions) });
             }
             seed.replay.begin(seed.envs.states(), &seed.chosen);
             seed.envs.step(&seed.chosen);

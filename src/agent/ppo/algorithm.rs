@@ -5,10 +5,12 @@ use coverage_env::{Action, Level};
 use super::learner::Ppo;
 use super::settings::PpoConfig;
 use crate::agent::algorithm::{Algorithm, Misfit, Setup};
+use crate::agent::choice::Behaviour;
 use crate::agent::learner::Learner;
 use crate::agent::network::{Head, Init, Outputs};
 use crate::agent::shared::Shared;
 use crate::agent::snapshot::Snapshot;
+use crate::agent::stage::Stage;
 
 /// Samples of a rollout; each takes some tens of bytes.
 const MAX_ROLLOUT: usize = 1 << 22;
@@ -30,6 +32,10 @@ impl Algorithm for PpoConfig {
 
     fn outputs(&self) -> Outputs {
         Outputs::Logits
+    }
+
+    fn behaviour(&self, _stage: &Stage, _timesteps: u64) -> Behaviour {
+        Behaviour::Sampled
     }
 
     fn heads(&self) -> &'static [Head] {

@@ -3,14 +3,14 @@
 use std::ops::Range;
 
 use bit_mlp::BitBatch;
-use coverage_env::random::{shuffle, unit_f32};
+use coverage_env::random::shuffle;
 use coverage_env::{Action, Sensor, VecEnv};
 
 use super::loss::{POLICY, PpoLoss, PpoTerms, VALUE};
 use super::rollout::Rollout;
 use super::settings::PpoConfig;
 use crate::agent::algorithm::Setup;
-use crate::agent::choice::sample;
+use crate::agent::choice::Behaviour;
 use crate::agent::engine::{Engine, Loss};
 use crate::agent::episodes::EpisodeWindow;
 use crate::agent::learner::{Learner, Metrics, weight_norm};
@@ -99,7 +99,7 @@ impl Ppo {
             self.engine.act(&current, &mut logits);
             for (s, (seed, logits)) in self.seeds.iter_mut().zip(logits.chunks_exact(num_envs * 4)).enumerate() {
                 actions.clear();
-                actions.extend(logits.chunks_exact(4).map(|z| sample(z, unit_f32(&mut seed.actions))));
+                actions.extend(logits.chunks_exact(4).map(|z| Behaviour::Sampled.choose(z, &mut seed.actions)));
                 seed.rollout.push_observations(&current[s], &actions);
                 seed.envs.step(&actions);
                 seed.rollout.push_steps(&seed.envs);
