@@ -22,6 +22,11 @@ pub enum Purpose {
     EvaluationActions,
     /// Starts and actions that gather the reference batch of a level, on which plasticity is measured.
     ReferenceStates,
+    /// Starts and actions that gather the states that an agent visits, on which plasticity is measured, too.
+    VisitedStates {
+        /// Timesteps of the stage before the measurement; modulo 2³².
+        timesteps: u32,
+    },
     /// What a mitigation draws after a gradient step or, at step 0, at the beginning of a stage.
     Mitigation {
         /// The mitigation's; at most 1,000.
@@ -42,6 +47,7 @@ impl Purpose {
             Self::EvaluationActions => (4, 0),
             Self::Environment(index) => (5, index),
             Self::ReferenceStates => (6, 0),
+            Self::VisitedStates { timesteps } => (7, timesteps),
             Self::Mitigation { number, step } => (64 + u64::from(number), step),
         };
         u64::from(stage) << 48 | purpose << 32 | u64::from(index)
@@ -146,6 +152,8 @@ mod tests {
             Purpose::Environment(0),
             Purpose::Environment(1),
             Purpose::ReferenceStates,
+            Purpose::VisitedStates { timesteps: 0 },
+            Purpose::VisitedStates { timesteps: 7 },
             Purpose::Mitigation { number: 0, step: 0 },
             Purpose::Mitigation { number: 1, step: 0 },
             Purpose::Mitigation { number: 1, step: 7 },

@@ -1,6 +1,6 @@
 //! How much better the best action looks than the second best.
 
-use super::{Head, Loss, Measure, Of, Update};
+use super::{Acting, Head, Loss, Measure, Of};
 
 pub(super) const MEASURES: &[Measure] = &[Measure {
     name: "action_gap",
@@ -10,11 +10,11 @@ pub(super) const MEASURES: &[Measure] = &[Measure {
     formula: "mean over the states of the difference between the largest and the second largest action value",
     source: "Farahmand 2011",
     loss: Loss::Unclear,
-    of: Of::UpdateOf(Head::Values, mean_gap),
+    of: Of::Acting(Head::Values, mean_gap),
 }];
 
-fn mean_gap(update: &Update) -> f64 {
-    update.mean_over_states(|values| {
+fn mean_gap(acting: &Acting) -> f64 {
+    acting.mean_over_states(|values| {
         let mut sorted = values.to_vec();
         sorted.sort_by(|a, b| b.total_cmp(a));
         sorted[0] - sorted[1]
@@ -23,13 +23,13 @@ fn mean_gap(update: &Update) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::sample::tests::update;
+    use super::super::sample::tests::acting;
     use super::*;
 
     #[test]
     fn by_hand() {
         // Gaps 3 and, where two are best, 0.
         let outputs = [[-1.0, 2.0, 5.0, 0.0], [4.0, 1.0, 4.0, 2.0]].concat();
-        assert_eq!(mean_gap(&Update { outputs, head: Head::Values, ..update() }), 1.5);
+        assert_eq!(mean_gap(&acting(Head::Values, outputs)), 1.5);
     }
 }

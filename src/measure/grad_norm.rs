@@ -15,13 +15,14 @@ pub(super) const MEASURES: &[Measure] = &[Measure {
 
 #[cfg(test)]
 mod tests {
-    use super::super::sample::tests::update;
-    use super::super::{Update, columns};
-    use crate::measure::Sample;
+    use super::super::sample::tests::{acting, update};
+    use super::super::{Head, Sample, States, Update, columns};
 
     #[test]
     fn it_is_the_number_of_the_log() {
-        let sample = Sample { update: Update { grad_norm: 0.25, ..update() }, layers: Vec::new() };
+        let update = Some(Update { grad_norm: 0.25, ..update() });
+        let acting = acting(Head::Logits, vec![0.0; 4]);
+        let sample = Sample { states: States::Reference, update, acting, layers: Vec::new() };
         assert_eq!(columns(&sample)[0], ("plasticity/grad_norm".to_owned(), 0.25));
     }
 }

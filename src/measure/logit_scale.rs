@@ -1,6 +1,6 @@
 //! How far apart the logits of a policy are.
 
-use super::{Head, Loss, Measure, Of, Update};
+use super::{Acting, Head, Loss, Measure, Of};
 
 pub(super) const MEASURES: &[Measure] = &[Measure {
     name: "logit_scale",
@@ -10,11 +10,11 @@ pub(super) const MEASURES: &[Measure] = &[Measure {
     formula: "mean over the states of the standard deviation of the logits over the actions",
     source: "",
     loss: Loss::Unclear,
-    of: Of::UpdateOf(Head::Logits, mean_deviation),
+    of: Of::Acting(Head::Logits, mean_deviation),
 }];
 
-fn mean_deviation(update: &Update) -> f64 {
-    update.mean_over_states(|logits| {
+fn mean_deviation(acting: &Acting) -> f64 {
+    acting.mean_over_states(|logits| {
         let count = logits.len() as f64;
         let mean = logits.iter().sum::<f64>() / count;
         (logits.iter().map(|logit| (logit - mean).powi(2)).sum::<f64>() / count).sqrt()
@@ -23,13 +23,13 @@ fn mean_deviation(update: &Update) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::sample::tests::update;
+    use super::super::sample::tests::acting;
     use super::*;
 
     #[test]
     fn by_hand() {
         // Deviations 2 and, since a shift changes no policy, 0.
         let outputs = [[1.0, 5.0, 1.0, 5.0], [7.0; 4]].concat();
-        assert_eq!(mean_deviation(&Update { outputs, ..update() }), 1.0);
+        assert_eq!(mean_deviation(&acting(Head::Logits, outputs)), 1.0);
     }
 }

@@ -6,11 +6,13 @@
 //! Nothing here knows an agent, an environment or a network: a measure sees a [`Sample`]. [`probe`] alone knows them,
 //! and makes the samples.
 
+use std::fmt;
+
 pub mod probe;
 mod sample;
 mod spectrum;
 
-pub use sample::{Head, Hidden, Layer, Sample, Units, Update};
+pub use sample::{Acting, Head, Hidden, Layer, Sample, States, Units, Update};
 pub use spectrum::{Spectra, Spectrum};
 
 /// What the names of all columns of measures begin with.
@@ -80,10 +82,12 @@ pub enum Loss {
 /// What a measure is computed from. It tells which agents and layers have the measure, and so which columns there are.
 #[derive(Debug)]
 pub enum Of {
-    /// An update of any agent: one number.
+    /// What an update made of the parameters, whatever the states.
     Update(fn(&Update) -> f64),
-    /// An update of an agent whose outputs mean this.
-    UpdateOf(Head, fn(&Update) -> f64),
+    /// What an update made of the greedy actions.
+    Choices(fn(&Update) -> f64),
+    /// The outputs by which an agent chooses, where they mean this.
+    Acting(Head, fn(&Acting) -> f64),
     /// The weights `[inputs · outputs]` of each layer, the output layer included.
     Weights(fn(&[f32]) -> f64),
     /// The activations of each hidden layer.
@@ -105,14 +109,19 @@ impl Measure {
 
     /// Whether it is of one layer, and not of the whole agent.
     pub fn is_of_layer(&self) -> bool {
-        !matches!(self.of, Of::Update(_) | Of::UpdateOf(..))
+        !matches!(self.of, Of::Update(_) | Of::Choices(_) | Of::Acting(..))
     }
 
-    /// Its value of an update, if it is of one.
-    fn of_update(&self, update: &Update) -> Option<f64> {
+    /// Whether its value depends on the states on which the agent is measured.
+    pub fn is_of_states(&self) -> bool {
+        !matches!(self.of, Of::Update(_) | Of::Weights(_))
+    }
+
+    /// Its value of a whole agent, if such agents have it; NaN for one of an update where there was none.
+    fn of_agent(&self, sample: &Sample) -> Option<f64> {
         match self.of {
-            Of::Update(compute) => Some(compute(update)),
-            Of::UpdateOf(head, compute) => (update.head == head).then(|| compute(update)),
+            Of::Update(compute) | Of::Choices(compute) => Some(sample.update.as_ref().map_or(f64::NAN, compute)),
+            Of::Acting(head, compute) => (sample.acting.head == head).then(|| compute(&sample.acting)),
             _ => None,
         }
     }
@@ -120,7 +129,7 @@ impl Measure {
     /// Its value of a layer, if such layers have it.
     fn of_layer(&self, layer: &Layer) -> Option<f64> {
         match self.of {
-            Of::Update(_) | Of::UpdateOf(..) => None,
+            Of::Update(_) | Of::Choices(_) | Of::Acting(..) => None,
             Of::Weights(compute) => Some(compute(layer.weights)),
             Of::Hidden(compute) => layer.hidden.as_ref().map(compute),
             Of::HiddenOf(units, compute) => layer.hidden.as_ref().filter(|hidden| hidden.units() == units).map(compute),
@@ -133,27 +142,55 @@ pub fn catalogue() -> impl Iterator<Item = &'static Measure> + Clone {
     FILES.iter().copied().flatten()
 }
 
-/// The layer, such as `policy.1`, and the measure of a column of `plasticity.csv`.
-///
-/// The layer is `None` for a measure of the whole agent. Returns `None` for a column that is of no measure known here,
-/// such as one that a later version logged.
-pub fn find(column: &str) -> Option<(Option<&str>, &'static Measure)> {
-    let column = column.strip_prefix(PREFIX)?;
-    let (layer, name) = column.rsplit_once('/').map_or((None, column), |(layer, name)| (Some(layer), name));
-    let measure = catalogue().find(|measure| measure.name == name && measure.is_of_layer() == layer.is_some())?;
-    Some((layer, measure))
+/// What the name of a column of `plasticity.csv` says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Column<'a> {
+    /// The layer, such as `policy.1`; none for a measure of the whole agent.
+    pub layer: Option<&'a str>,
+    /// The name of the measure.
+    pub name: &'a str,
+    /// The states on which it is measured.
+    pub states: States,
+}
+
+impl<'a> Column<'a> {
+    /// Reads a name, of whatever version it is.
+    pub fn parse(column: &'a str) -> Self {
+        let column = column.strip_prefix(PREFIX).unwrap_or(column);
+        let visited = column.strip_suffix(States::Visited.suffix());
+        let states = if visited.is_some() { States::Visited } else { States::Reference };
+        let column = visited.unwrap_or(column);
+        let (layer, name) = column.rsplit_once('/').map_or((None, column), |(layer, name)| (Some(layer), name));
+        Self { layer, name, states }
+    }
+
+    /// The measure; none that this version does not know.
+    pub fn measure(self) -> Option<&'static Measure> {
+        let is_of = |measure: &&Measure| measure.name == self.name && measure.is_of_layer() == self.layer.is_some();
+        catalogue().find(is_of).filter(|measure| self.states == States::Reference || measure.is_of_states())
+    }
+}
+
+impl fmt::Display for Column<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let layer = self.layer.map(|layer| format!("{layer}/")).unwrap_or_default();
+        write!(f, "{PREFIX}{layer}{}{}", self.name, self.states.suffix())
+    }
 }
 
 /// The columns of `plasticity.csv` for this sample, and their values: NaN where a measure has none.
 ///
-/// Which columns there are depends on the network alone, so that all rows of a log have the same.
+/// Which columns there are depends on the network alone, so that all rows of a log have the same. What does not depend on
+/// the states stands with the reference states only.
 pub fn columns(sample: &Sample) -> Vec<(String, f64)> {
-    let of_update = |measure: &Measure| Some((format!("{PREFIX}{}", measure.name), measure.of_update(&sample.update)?));
-    let mut columns: Vec<_> = catalogue().filter_map(of_update).collect();
+    let states = sample.states;
+    let measures = catalogue().filter(|measure| states == States::Reference || measure.is_of_states());
+    let name = |layer, measure: &Measure| Column { layer, name: measure.name, states }.to_string();
+    let of_agent = |measure: &Measure| Some((name(None, measure), measure.of_agent(sample)?));
+    let mut columns: Vec<_> = measures.clone().filter_map(of_agent).collect();
     for layer in &sample.layers {
-        let of_layer =
-            |measure: &Measure| Some((format!("{PREFIX}{}/{}", layer.name, measure.name), measure.of_layer(layer)?));
-        columns.extend(catalogue().filter_map(of_layer));
+        let of_layer = |measure: &Measure| Some((name(Some(layer.name.as_str()), measure), measure.of_layer(layer)?));
+        columns.extend(measures.clone().filter_map(of_layer));
     }
     columns
 }
@@ -177,11 +214,22 @@ mod tests {
 
     #[test]
     fn a_column_leads_to_its_measure() {
-        let found = |column| find(column).map(|(layer, measure)| (layer, measure.name));
-        assert_eq!(found("plasticity/update_norm"), Some((None, "update_norm")));
-        assert_eq!(found("plasticity/policy.1/dormant_0.1"), Some((Some("policy.1"), "dormant_0.1")));
+        let found = |name| {
+            let column = Column::parse(name);
+            let measure = column.measure()?;
+            assert_eq!(column.to_string(), name);
+            Some((column.layer, measure.name, column.states))
+        };
+        let (reference, visited) = (States::Reference, States::Visited);
+        assert_eq!(found("plasticity/update_norm"), Some((None, "update_norm", reference)));
+        assert_eq!(found("plasticity/policy.1/dormant_0.1"), Some((Some("policy.1"), "dormant_0.1", reference)));
+        assert_eq!(found("plasticity/policy.1/dormant_0.1/visited"), Some((Some("policy.1"), "dormant_0.1", visited)));
+        assert_eq!(found("plasticity/policy_churn/visited"), Some((None, "policy_churn", visited)));
         assert_eq!(found("plasticity/policy.1/update_norm"), None);
         assert_eq!(found("plasticity/dormant_0.1"), None);
+        // What the states do not change has one column.
+        assert_eq!(found("plasticity/update_norm/visited"), None);
+        assert_eq!(found("plasticity/q.0/weight_magnitude/visited"), None);
         assert_eq!(found("timesteps"), None);
     }
 
@@ -198,7 +246,7 @@ mod tests {
         let text = include_str!("../../docs/metrics.md");
         for measure in catalogue() {
             let table = match measure.of {
-                Of::Update(_) | Of::UpdateOf(..) => PREFIX,
+                Of::Update(_) | Of::Choices(_) | Of::Acting(..) => PREFIX,
                 Of::Weights(_) => "plasticity/<tower>.<i>/",
                 Of::Hidden(_) | Of::HiddenOf(..) => "",
             };

@@ -1,6 +1,6 @@
 //! How undecided a policy is.
 
-use super::{Head, Loss, Measure, Of, Update};
+use super::{Acting, Head, Loss, Measure, Of};
 
 pub(super) const MEASURES: &[Measure] = &[Measure {
     name: "policy_entropy",
@@ -10,11 +10,11 @@ pub(super) const MEASURES: &[Measure] = &[Measure {
     formula: "mean over the states of −Σ π(a) ln π(a), π the softmax of the logits",
     source: "",
     loss: Loss::Unclear,
-    of: Of::UpdateOf(Head::Logits, mean_entropy),
+    of: Of::Acting(Head::Logits, mean_entropy),
 }];
 
-fn mean_entropy(update: &Update) -> f64 {
-    update.mean_over_states(|logits| {
+fn mean_entropy(acting: &Acting) -> f64 {
+    acting.mean_over_states(|logits| {
         // Subtracting the largest keeps the exponentials finite.
         let largest = logits.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let sum: f64 = logits.iter().map(|logit| (logit - largest).exp()).sum();
@@ -25,7 +25,7 @@ fn mean_entropy(update: &Update) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::sample::tests::update;
+    use super::super::sample::tests::acting;
     use super::*;
 
     #[test]
@@ -33,7 +33,7 @@ mod tests {
         // π = ½, ¼, ⅛, ⅛ has 7/4 ln 2, the uniform policy ln 4, and one that is sure 0.
         let halves = [3.0, 2.0, 1.0, 1.0].map(|power: f32| power * std::f32::consts::LN_2);
         let outputs = [halves, [100.0; 4], [1000.0, 0.0, 0.0, 0.0]].concat();
-        let entropy = mean_entropy(&Update { outputs, ..update() });
+        let entropy = mean_entropy(&acting(Head::Logits, outputs));
         let expected = (1.75 + 2.0 + 0.0) / 3.0 * std::f64::consts::LN_2;
         assert!((entropy - expected).abs() < 1e-7, "{entropy} is not {expected}");
     }

@@ -1,16 +1,39 @@
-//! What measures see: an update, and the layers of the network after it, all on the same N states.
+//! What measures see: an update, and the network after it, all on the same N states.
 
 use std::cell::OnceCell;
 
 use super::Spectra;
 
-/// One agent at one measurement.
+/// One agent at one measurement, on N states of one kind.
 #[derive(Debug)]
 pub struct Sample<'a> {
-    /// The update before the measurement.
-    pub update: Update<'a>,
+    /// Which states these are. No measure knows it: it says what a column is called.
+    pub states: States,
+    /// The update before the measurement; none before a stage's first.
+    pub update: Option<Update<'a>>,
+    /// How the agent chooses its actions.
+    pub acting: Acting,
     /// Every layer, tower by tower.
     pub layers: Vec<Layer<'a>>,
+}
+
+/// The states on which an agent is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum States {
+    /// Those of a uniformly random policy, the same for all agents.
+    Reference,
+    /// Those that the agent itself meets.
+    Visited,
+}
+
+impl States {
+    /// What the names of their columns end with.
+    pub fn suffix(self) -> &'static str {
+        match self {
+            Self::Reference => "",
+            Self::Visited => "/visited",
+        }
+    }
 }
 
 /// What an update did to an agent.
@@ -24,14 +47,21 @@ pub struct Update<'a> {
     pub greedy_before: Vec<usize>,
     /// The same after it.
     pub greedy_after: Vec<usize>,
-    /// What leaves the tower that chooses actions after it, `[N, A]`, row by row.
+    /// Its gradient steps.
+    pub steps: u64,
+    /// `train/grad_norm` of the update, which the parameters do not tell.
+    pub grad_norm: f64,
+}
+
+/// What leaves the tower that chooses actions.
+#[derive(Debug)]
+pub struct Acting {
+    /// `[N, A]`, row by row.
     pub outputs: Vec<f32>,
     /// A, the number of actions.
     pub actions: usize,
-    /// What these outputs mean.
+    /// What the outputs mean.
     pub head: Head,
-    /// `train/grad_norm` of the update, which the parameters do not tell.
-    pub grad_norm: f64,
 }
 
 /// What the outputs mean by which an agent chooses its actions.
@@ -43,7 +73,7 @@ pub enum Head {
     Values,
 }
 
-impl Update<'_> {
+impl Acting {
     /// The mean over the states of `of` the outputs there, `[A]`.
     pub fn mean_over_states(&self, of: impl Fn(&[f64]) -> f64) -> f64 {
         let rows = self.outputs.chunks_exact(self.actions);
@@ -53,7 +83,7 @@ impl Update<'_> {
     }
 }
 
-/// One layer after the update.
+/// One layer.
 #[derive(Debug)]
 pub struct Layer<'a> {
     /// Its tower and number, such as `policy.1`.
@@ -160,18 +190,14 @@ pub(super) mod tests {
         Hidden::new(rows.concat(), K, units)
     }
 
-    /// An update that changed nothing, in one state.
+    /// An update of one step that changed nothing, in one state.
     pub fn update() -> Update<'static> {
-        Update {
-            before: &[],
-            after: &[],
-            greedy_before: vec![0],
-            greedy_after: vec![0],
-            outputs: vec![0.0; 4],
-            actions: 4,
-            head: Head::Logits,
-            grad_norm: 0.0,
-        }
+        Update { before: &[], after: &[], greedy_before: vec![0], greedy_after: vec![0], steps: 1, grad_norm: 0.0 }
+    }
+
+    /// Four actions by these outputs.
+    pub fn acting(head: Head, outputs: Vec<f32>) -> Acting {
+        Acting { outputs, actions: 4, head }
     }
 
     /// What measures of any hidden layer say of this one.

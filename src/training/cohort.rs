@@ -226,6 +226,11 @@ impl Cohort<'_> {
             }
         };
         let monitor = Monitor::new(experiment.plasticity_interval, config, stage);
+        if let Some(monitor) = monitor.as_ref().filter(|_| learner.timesteps() == 0) {
+            for (s, run) in self.runs.iter_mut().enumerate() {
+                run.attempt(link, |run| run.log_plasticity(stage, 0, &monitor.at_beginning(&*learner, s)));
+            }
+        }
         let mut since = SinceSaved::new();
         let mut saved_at = learner.timesteps();
         while learner.timesteps() < stage.timesteps && self.runs.iter().any(|run| run.failure.is_none()) {

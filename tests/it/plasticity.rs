@@ -3,8 +3,8 @@
 use bit_mlp::BitBatch;
 use coverage_env::Level;
 use cpp_rl::agent::config;
-use cpp_rl::measure::probe::Probe;
-use cpp_rl::measure::{self, Head, Hidden, Layer, Sample, Units, Update};
+use cpp_rl::measure::probe::{Change, Probe};
+use cpp_rl::measure::{self, Acting, Column, Head, Hidden, Layer, Sample, States, Units};
 use serde_json::Value;
 
 use crate::sandbox::{RunFiles, Sandbox, engines};
@@ -42,18 +42,9 @@ fn layers_measure_what_numpy_computes() {
         let rows: Vec<Vec<f64>> = list(&layer["activations"]).iter().map(floats).collect();
         let units = if layer["activation"] == "tanh" { Units::Tanh } else { Units::Relu };
         let hidden = Some(Hidden::new(rows.concat(), rows[0].len(), units));
-        let update = Update {
-            before: &[],
-            after: &[],
-            greedy_before: vec![],
-            greedy_after: vec![],
-            outputs: vec![],
-            actions: 4,
-            head: Head::Logits,
-            grad_norm: f64::NAN,
-        };
+        let acting = Acting { outputs: vec![], actions: 4, head: Head::Logits };
         let layers = vec![Layer { name: "tower.0".to_owned(), weights: &[], hidden }];
-        let measured = measure::columns(&Sample { update, layers });
+        let measured = measure::columns(&Sample { states: States::Reference, update: None, acting, layers });
         let name = |column: &str| column.strip_prefix("plasticity/tower.0/").map(str::to_owned);
         let measured = measured.into_iter().filter_map(|(column, value)| Some((name(&column)?, value)));
         let measured: Vec<_> = measured.collect();
@@ -77,8 +68,17 @@ fn networks_measure_what_pytorch_computes() {
         }
         let [before, after] = ["before", "after"]
             .map(|key| floats(&network[key]).iter().map(|&parameter| parameter as f32).collect::<Vec<_>>());
-        let probe = Probe::new(config.network(&level), config.algorithm.outputs(), states);
-        let mut measured = probe.measure(&before, &after, 0.25).measures;
+        let probe = Probe::new(config.network(&level), config.algorithm.outputs());
+        let change = Change { before: &before, steps: 512, grad_norm: 0.25 };
+        let measure = |of| measure::columns(&probe.sample(&after, Some(change), of, &states));
+        let mut measured = measure(States::Reference);
+        let value = |name: &str| measured.iter().find(|(column, _)| column == name).expect("a column").1;
+        assert_eq!(value("plasticity/policy_churn_per_step"), value("plasticity/policy_churn") / 512.0);
+        // On the same states the same numbers, under names of their own.
+        for (column, value) in measure(States::Visited) {
+            let same = column.strip_suffix("/visited").expect("a suffix");
+            assert!(measured.iter().any(|(column, other)| column == same && *other == value), "{column}");
+        }
         assert_eq!(measured.remove(0), ("plasticity/grad_norm".to_owned(), 0.25));
         // The forward pass has 24 bits, theirs 53; what is counted is counted the same.
         assert_recorded(text("algorithm"), &measured, &network["measures"], 1e-6);
@@ -112,16 +112,18 @@ fn each_stage_is_measured_at_its_begin_its_end_and_between() {
         assert_eq!(columns[..4], ["stage", "level", "timesteps", "cumulative_timesteps"]);
         rows.iter().map(|row| row.iter().take(4).collect::<Vec<_>>().join(" ")).collect::<Vec<_>>()
     };
-    let all = ["0 a 64 64", "0 a 128 128", "0 a 192 192", "0 a 256 256"];
-    let all = [all, ["1 b 64 320", "1 b 128 384", "1 b 192 448", "1 b 256 512"]].concat();
+    let all = ["0 a 0 0", "0 a 64 64", "0 a 128 128", "0 a 192 192", "0 a 256 256"];
+    let all = [all, ["1 b 0 256", "1 b 64 320", "1 b 128 384", "1 b 192 448", "1 b 256 512"]].concat();
     assert_eq!(measured("ppo", 1, ""), all);
     let pick = |indices: &[usize]| indices.iter().map(|&i| all[i]).collect::<Vec<_>>();
-    assert_eq!(measured("ppo", 128, ""), pick(&[0, 1, 3, 4, 5, 7]));
-    assert_eq!(measured("ppo", 65_536, ""), pick(&[0, 3, 4, 7]));
+    assert_eq!(measured("ppo", 128, ""), pick(&[0, 1, 2, 4, 5, 6, 7, 9]));
+    assert_eq!(measured("ppo", 65_536, ""), pick(&[0, 1, 4, 5, 6, 9]));
     // DQN has a row every 2,048 timesteps, and one at the end of a stage, on a whole block of four steps.
-    let rows = ["0 a 2048 2048", "0 a 4096 4096", "0 a 5004 5004", "1 b 2048 7052", "1 b 4096 9100", "1 b 5004 10008"];
+    let rows = ["0 a 0 0", "0 a 2048 2048", "0 a 4096 4096", "0 a 5004 5004"];
+    let rows = [rows, ["1 b 0 5004", "1 b 2048 7052", "1 b 4096 9100", "1 b 5004 10008"]].concat();
     assert_eq!(measured("dqn", 2048, "--timesteps 5002"), rows);
-    assert_eq!(measured("dqn", 10_000, "--timesteps 5002"), [rows[0], rows[2], rows[3], rows[5]]);
+    let rows = [0, 1, 3, 4, 5, 7].map(|i| rows[i]);
+    assert_eq!(measured("dqn", 10_000, "--timesteps 5002"), rows);
 }
 
 #[test]
@@ -133,15 +135,15 @@ fn columns_name_towers_and_layers() {
             &["policy", "value"][..],
             &["saturated_units", "saturated_activations"][..],
             &["constant_units", "centred_rank"][..],
-            4,
+            6,
         ),
-        // The one row of a short stage is its first and its last.
-        ("dqn", &["q"], &["dead_units"], &["centred_rank"], 2),
+        // The one update of a short stage is its first and its last.
+        ("dqn", &["q"], &["dead_units"], &["centred_rank"], 4),
     ] {
         sandbox.succeeds(&format!("{CURRICULUM} {algo}.yaml --set hidden=[8,6] --out out"));
         let (columns, rows) = read(&run(&sandbox, algo, "out"));
-        let mut expected =
-            ["grad_norm", "update_norm", "policy_churn"].map(|name| format!("plasticity/{name}")).to_vec();
+        let of_agent = ["grad_norm", "update_norm", "policy_churn", "policy_churn_per_step"];
+        let mut expected = of_agent.map(|name| format!("plasticity/{name}")).to_vec();
         let of_outputs = if algo == "ppo" { &["policy_entropy", "logit_scale"][..] } else { &["action_gap"] };
         expected.extend(of_outputs.iter().map(|name| format!("plasticity/{name}")));
         for tower in towers {
@@ -152,15 +154,24 @@ fn columns_name_towers_and_layers() {
             }
             expected.push(format!("plasticity/{tower}.2/weight_magnitude"));
         }
+        let fixed =
+            |column: &&String| ["grad_norm", "update_norm", "weight_magnitude"].iter().any(|n| column.ends_with(n));
+        let visited = expected.iter().filter(|column| !fixed(column)).map(|column| format!("{column}/visited"));
+        expected.extend(visited.collect::<Vec<_>>());
         assert_eq!(columns[4..], expected);
         assert_eq!(rows.len(), num_rows);
-        let rest = |row: &csv::StringRecord| row.iter().skip(4).map(|cell| cell.parse::<f64>()).collect::<Vec<_>>();
-        assert!(rows.iter().flat_map(rest).all(|value| value.is_ok_and(f64::is_finite)));
-        for (place, column) in columns.iter().enumerate().skip(4) {
-            let (_, measure) = measure::find(column).expect("a measure that is registered");
-            let (least, most) = measure.range;
-            let in_range = |row: &csv::StringRecord| (least..=most).contains(&row[place].parse().expect("a number"));
-            assert!(rows.iter().all(in_range), "{column}");
+        for (place, name) in columns.iter().enumerate().skip(4) {
+            let column = Column::parse(name);
+            let (least, most) = column.measure().expect("a measure that is registered").range;
+            let of_update = column.layer.is_none() && of_agent.contains(&column.name);
+            for row in &rows {
+                let value: f64 = row[place].parse().expect("a number");
+                // Before the first update of a stage nothing is known of updates, and all of the agent.
+                let is_known = row[2] != *"0" || !of_update;
+                let as_known =
+                    if is_known { value.is_finite() && (least..=most).contains(&value) } else { value.is_nan() };
+                assert!(as_known, "{name} is {value} after {} timesteps", &row[2]);
+            }
         }
     }
 }
@@ -174,16 +185,67 @@ fn update_and_gradient_norms_are_those_of_the_row() {
     let column = |out: &str, name: &str| {
         let (columns, rows) = read(&run(&sandbox, "ppo", out));
         let at = columns.iter().position(|column| column == name).expect("a column");
-        rows.iter().map(|row| row[at].parse::<f64>().expect("a number")).collect::<Vec<_>>()
+        let updates = rows.iter().filter(|row| row[2] != *"0");
+        updates.map(|row| row[at].parse::<f64>().expect("a number")).collect::<Vec<_>>()
     };
     let still = |name| column("still", name).iter().all(|&value| value == 0.0);
-    assert!(still("plasticity/policy_churn"));
+    assert!(still("plasticity/policy_churn") && still("plasticity/policy_churn_per_step/visited"));
+    // Two epochs of two minibatches.
+    let [churn, per_step] =
+        ["policy_churn", "policy_churn_per_step"].map(|name| column("out", &format!("plasticity/{name}")));
+    assert!(churn.iter().any(|&churn| churn > 0.0));
+    assert!(churn.iter().zip(&per_step).all(|(churn, per_step)| churn / 4.0 == *per_step), "{churn:?} {per_step:?}");
     assert!(column("still", "plasticity/update_norm").iter().all(|&norm| norm < 1e-20));
     assert!(column("out", "plasticity/update_norm").iter().all(|&norm| norm > 1e-3));
     let logged = run(&sandbox, "ppo", "out").progress();
     let logged = logged.iter().map(|row| row.iter().find(|(name, _)| name == "train/grad_norm").expect("a column"));
     let logged: Vec<f64> = logged.map(|(_, value)| value.parse().expect("a number")).collect();
     assert_eq!(column("out", "plasticity/grad_norm"), logged);
+}
+
+/// The row at timestep 0 is of the agent that begins: as the stage before has left it, or as a mitigation has made it.
+#[test]
+fn a_stage_begins_with_a_row_of_the_agent_that_begins_it() {
+    let sandbox = Sandbox::new();
+    let values = |mitigations: &str, name: &str| {
+        let out = format!("out-{mitigations}");
+        let mitigated = format!("--set mitigations=[{mitigations}] --out {out}");
+        if !sandbox.path(&out).exists() {
+            sandbox.succeeds(&format!("{CURRICULUM} ppo.yaml {mitigated}"));
+        }
+        let (columns, rows) = read(&run(&sandbox, "ppo", &out));
+        let at = columns.iter().position(|column| column == name).expect("a column");
+        let of = |place: [&str; 2]| rows.iter().find(|row| [&row[0], &row[2]] == place).expect("a row")[at].to_owned();
+        [of(["0", "256"]), of(["1", "0"])].map(|value| value.parse::<f64>().expect("a number"))
+    };
+    let weights = "plasticity/value.0/weight_magnitude";
+    let [end, begin] = values("", weights);
+    assert_eq!(end, begin);
+    let [end, begin] = values("shrink-perturb", weights);
+    assert!(begin < 0.9 * end, "{begin} after {end}");
+    // The same network, on other states.
+    let [end, begin] = values("", "plasticity/policy_entropy");
+    assert!(end != begin && (end - begin).abs() < 0.5, "{begin} after {end}");
+}
+
+/// What the agent visits is nearer to what it does: an agent that has learned nothing visits what a random one does.
+#[test]
+fn visited_states_are_those_of_the_agent() {
+    let sandbox = Sandbox::new();
+    // With ε = 1 an agent that is no random policy acts as one; with ε = 0 it walks against a wall.
+    let churn = |epsilon: &str| {
+        let sets = format!("--set exploration_initial_eps={epsilon} --set exploration_final_eps={epsilon}");
+        sandbox.succeeds(&format!("{CURRICULUM} dqn.yaml {sets} --out eps-{epsilon}"));
+        let (columns, rows) = read(&run(&sandbox, "dqn", &format!("eps-{epsilon}")));
+        let rank = |end: &str| {
+            let at = columns.iter().position(|column| *column == format!("plasticity/q.0/effective_rank{end}"));
+            rows[0][at.expect("a column")].parse::<f64>().expect("a number")
+        };
+        (rank("/visited"), rank(""))
+    };
+    let ((random, reference), (greedy, same)) = (churn("1"), churn("0"));
+    assert_eq!(reference, same);
+    assert!((random / reference - 1.0).abs() < 0.1 && greedy < 0.8 * reference, "{random}, {greedy}, {reference}");
 }
 
 #[test]

@@ -44,6 +44,10 @@ fn killed_at_the_nth_snapshot_and_resumed_it_ends_the_same() {
             let left = run.files();
             assert!(!left.iter().any(|file| file.contains("latest/") || file.ends_with(".partial")), "{left:?}");
         }
+        let [killed, whole] = ["killed", "undisturbed"].map(|out| runs(&sandbox, algo, out));
+        for (killed, whole) in killed.iter().zip(&whole) {
+            assert_eq!(killed.text("plasticity.csv"), whole.text("plasticity.csv"));
+        }
     }
 }
 

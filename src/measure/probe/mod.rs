@@ -1,18 +1,19 @@
-//! Takes samples of agents while they train, on a reference batch of each level.
+//! Takes samples of agents while they train, on the reference states of a level and on those that the agent visits.
 //!
 //! Nothing here is part of training: a [`Probe`] reads an agent's parameters before and after an update and draws from
-//! a stream of its own, so that a run is the same with it and without.
+//! streams of its own, so that a run is the same with it and without.
 
 mod monitor;
 mod reference;
+mod visited;
 
 pub use monitor::{Monitor, Pending};
 pub use reference::{NUM_STATES, reference_batch};
 
-use bit_mlp::{Activation, BitBatch, Workspace};
+use bit_mlp::{Activation, BitBatch, Block, Workspace};
 use coverage_env::Action;
 
-use super::{Head, Hidden, Layer, Sample, Units, Update, columns};
+use super::{Acting, Head, Hidden, Layer, Sample, States, Units, Update, columns};
 use crate::agent::greedy;
 use crate::agent::network::{Network, Outputs, Tower};
 
@@ -25,72 +26,91 @@ pub struct Measurement {
     pub distributions: Vec<(String, Vec<f32>)>,
 }
 
-/// Measures networks of one architecture on fixed states.
+/// Measures networks of one architecture.
 #[derive(Debug)]
 pub struct Probe {
     network: Network,
     /// What those of its acting tower mean.
     outputs: Outputs,
-    /// The reference batch of N states.
-    states: BitBatch,
+}
+
+/// An update of an agent, beside the parameters that it led to.
+#[derive(Clone, Copy, Debug)]
+pub struct Change<'a> {
+    /// The parameters before it, `[P]`.
+    pub before: &'a [f32],
+    /// Its gradient steps.
+    pub steps: u64,
+    /// Its `train/grad_norm`, which the parameters do not tell.
+    pub grad_norm: f64,
 }
 
 impl Probe {
-    /// One for networks like this, on these states.
-    pub fn new(network: Network, outputs: Outputs, states: BitBatch) -> Self {
-        Self { network, outputs, states }
+    /// One for networks like this.
+    pub fn new(network: Network, outputs: Outputs) -> Self {
+        Self { network, outputs }
     }
 
-    /// Measures an agent whose update took its parameters from `before` to `after`, `[P]` each.
-    ///
-    /// `grad_norm` is the update's own, which the parameters do not tell.
-    pub fn measure(&self, before: &[f32], after: &[f32], grad_norm: f64) -> Measurement {
-        let mut workspace = Workspace::default();
-        let mut outputs =
-            |parameters| self.network.acting().forward(parameters, self.states.all(), &mut workspace).to_vec();
-        let [outputs_before, outputs] = [before, after].map(&mut outputs);
-        let update = Update {
-            before,
-            after,
-            greedy_before: greedy_actions(&outputs_before),
-            greedy_after: greedy_actions(&outputs),
-            outputs,
-            actions: Action::COUNT,
-            head: head(self.outputs),
-            grad_norm,
-        };
-        let (mut layers, mut distributions) = (Vec::new(), Vec::new());
-        for tower in self.network.towers() {
-            self.read(tower, after, &mut workspace, &mut layers, &mut distributions);
-        }
-        Measurement { measures: columns(&Sample { update, layers }), distributions }
-    }
-
-    /// Reads every layer of a tower; of the last, which has no units to wear out, only its weights.
-    fn read<'a>(
+    /// An agent with these parameters, `[P]`, on N states; `change` is the update that led to them, if one did.
+    pub fn sample<'a>(
         &self,
-        tower: &Tower,
         parameters: &'a [f32],
-        workspace: &mut Workspace,
-        layers: &mut Vec<Layer<'a>>,
-        distributions: &mut Vec<(String, Vec<f32>)>,
-    ) {
-        tower.mlp.forward(parameters, self.states.all(), workspace);
-        let last = tower.mlp.blocks().len() - 1;
-        for (i, layer) in tower.mlp.blocks().iter().enumerate() {
-            let name = format!("{}.{i}", tower.name);
-            let weights = &parameters[layer.weight.clone()];
-            distributions.push((format!("weights/{name}"), weights.to_vec()));
-            let hidden = (i < last).then(|| {
-                let activations = workspace.activations(i);
-                let values: Vec<f32> = activations.rows().flatten().copied().collect();
-                let wide = values.iter().copied().map(f64::from).collect();
-                distributions.push((format!("activations/{name}"), values));
-                Hidden::new(wide, activations.width(), units(tower.mlp.activation()))
-            });
-            layers.push(Layer { name, weights, hidden });
+        change: Option<Change<'a>>,
+        states: States,
+        batch: &BitBatch,
+    ) -> Sample<'a> {
+        let mut workspace = Workspace::default();
+        let outputs = self.act(parameters, batch, &mut workspace);
+        let update = change.map(|Change { before, steps, grad_norm }| Update {
+            before,
+            after: parameters,
+            greedy_before: greedy_actions(&self.act(before, batch, &mut workspace)),
+            greedy_after: greedy_actions(&outputs),
+            steps,
+            grad_norm,
+        });
+        let acting = Acting { outputs, actions: Action::COUNT, head: head(self.outputs) };
+        let mut layers = Vec::new();
+        for tower in self.network.towers() {
+            tower.mlp.forward(parameters, batch.all(), &mut workspace);
+            layers.extend(read(tower, parameters, &workspace));
         }
+        Sample { states, update, acting, layers }
     }
+
+    /// What leaves the acting tower, `[N, A]`.
+    fn act(&self, parameters: &[f32], batch: &BitBatch, workspace: &mut Workspace) -> Vec<f32> {
+        self.network.acting().forward(parameters, batch.all(), workspace).to_vec()
+    }
+}
+
+impl Measurement {
+    /// That of one agent on both kinds of states.
+    fn new(reference: &Sample, visited: &Sample) -> Self {
+        let mut distributions = Vec::new();
+        for Layer { name, weights, hidden } in &reference.layers {
+            distributions.push((format!("weights/{name}"), weights.to_vec()));
+            if let Some(hidden) = hidden {
+                let narrow = hidden.activations().iter().map(|&h| h as f32).collect();
+                distributions.push((format!("activations/{name}"), narrow));
+            }
+        }
+        Self { measures: [reference, visited].map(columns).concat(), distributions }
+    }
+}
+
+/// Every layer of a tower after a forward pass; of the last, which has no units to wear out, only its weights.
+fn read<'a>(tower: &Tower, parameters: &'a [f32], workspace: &Workspace) -> Vec<Layer<'a>> {
+    let last = tower.mlp.blocks().len() - 1;
+    let layer = |(i, block): (usize, &Block)| {
+        let hidden = (i < last).then(|| {
+            let activations = workspace.activations(i);
+            let values = activations.rows().flatten().copied().map(f64::from).collect();
+            Hidden::new(values, activations.width(), units(tower.mlp.activation()))
+        });
+        Layer { name: format!("{}.{i}", tower.name), weights: &parameters[block.weight.clone()], hidden }
+    };
+    tower.mlp.blocks().iter().enumerate().map(layer).collect()
 }
 
 /// The greedy action in each state by these outputs `[N, A]`, `[N]`.

@@ -8,18 +8,12 @@ use super::super::parts::caption;
 use super::super::parts::style::{short_name, style};
 use super::super::parts::timeline::Timeline;
 use super::super::parts::track::{Seeds, Track};
-use crate::measure::{self, Measure, PREFIX, catalogue};
+use crate::measure::{Column, Measure, States, catalogue};
 use crate::report::analysis::{Analysis, Arm, PlasticitySeries};
 
 /// What a hidden layer has and an output layer has not.
 pub(super) const HIDDEN: &str = "effective_rank";
 pub(super) const WEIGHTS: &str = "weight_magnitude";
-
-/// The layer, if it is of one, and the name of a measure by its column.
-pub(super) fn parse(column: &str) -> (Option<&str>, &str) {
-    let column = column.strip_prefix(PREFIX).unwrap_or(column);
-    column.rsplit_once('/').map_or((None, column), |(layer, name)| (Some(layer), name))
-}
 
 /// Tower and number of a layer, such as `policy.1`.
 pub(super) fn layer_order(layer: &str) -> (&str, usize) {
@@ -29,10 +23,7 @@ pub(super) fn layer_order(layer: &str) -> (&str, usize) {
 
 /// The layers of an arm that have this measure.
 pub(super) fn layers<'a>(arm: &'a Arm, measure: &str) -> Vec<&'a str> {
-    let layer = |column: &'a str| match parse(column) {
-        (Some(layer), name) if name == measure => Some(layer),
-        _ => None,
-    };
+    let layer = |column: &'a str| Some(Column::parse(column)).filter(|column| column.name == measure)?.layer;
     let all: BTreeSet<&str> = arm.plasticity.iter().filter_map(|series| layer(&series.measure)).collect();
     let mut all: Vec<&str> = all.into_iter().collect();
     all.sort_by_key(|layer| layer_order(layer));
@@ -41,8 +32,16 @@ pub(super) fn layers<'a>(arm: &'a Arm, measure: &str) -> Vec<&'a str> {
 
 /// The last hidden layer of the network that decides on actions.
 pub(super) fn acting_layer(arm: &Arm) -> Option<&str> {
-    let decides = |layer: &&str| ["policy", "q"].contains(&layer_order(layer).0);
-    layers(arm, HIDDEN).into_iter().rfind(decides)
+    last_layer(arm, &["policy", "q"])
+}
+
+/// The last hidden layer of the network that only values states.
+pub(super) fn value_layer(arm: &Arm) -> Option<&str> {
+    last_layer(arm, &["value"])
+}
+
+fn last_layer<'a>(arm: &'a Arm, towers: &[&str]) -> Option<&'a str> {
+    layers(arm, HIDDEN).into_iter().rfind(|layer| towers.contains(&layer_order(layer).0))
 }
 
 /// One arm in a figure.
@@ -83,17 +82,20 @@ pub(super) fn panel(
 
 /// A panel per measure of these lines: of all parameters if `whole`, and of each line's layer.
 pub(super) fn panels(analysis: &Analysis, timeline: &Timeline, lines: &[Line], whole: bool) -> Vec<CurvePanel> {
-    let mut measures: BTreeSet<(Place, &str)> = BTreeSet::new();
+    let mut measures: BTreeSet<(Place, &str, States)> = BTreeSet::new();
     for line in lines {
-        let columns = line.arm.plasticity.iter().map(|series| series.measure.as_str());
-        let is_shown = |column: &&str| parse(column).0.map_or(whole, |layer| line.layer == Some(layer));
-        measures.extend(columns.filter(is_shown).map(|column| (Place::of(column), parse(column).1)));
+        let columns = line.arm.plasticity.iter().map(|series| Column::parse(&series.measure));
+        let is_shown = |column: &Column| column.layer.map_or(whole, |layer| line.layer == Some(layer));
+        measures.extend(columns.filter(is_shown).map(|column| (Place::of(column), column.name, column.states)));
     }
-    let of_measure = |(place, name): (Place, &str)| {
-        panel(analysis, timeline, lines, place.title().unwrap_or_else(|| name.to_owned()), |line| {
-            let of_layer = line.layer.map(|layer| format!("{PREFIX}{layer}/{name}"));
+    let of_measure = |(place, name, states): (Place, &str, States)| {
+        let title = place.title().unwrap_or_else(|| name.to_owned());
+        let title = if states == States::Visited { format!("{title}, visited states") } else { title };
+        panel(analysis, timeline, lines, title, |line| {
+            let column = |layer| Column { layer, name, states }.to_string();
+            let of_layer = line.layer.map(|layer| column(Some(layer)));
             let logged = |column: &String| line.arm.plasticity.iter().any(|series| series.measure == *column);
-            of_layer.filter(logged).or_else(|| whole.then(|| format!("{PREFIX}{name}")))
+            of_layer.filter(logged).or_else(|| whole.then(|| column(None)))
         })
     };
     measures.into_iter().filter_map(of_measure).collect()
@@ -104,9 +106,9 @@ pub(super) fn panels(analysis: &Analysis, timeline: &Timeline, lines: &[Line], w
 struct Place(usize);
 
 impl Place {
-    fn of(column: &str) -> Self {
+    fn of(column: Column) -> Self {
         let known = |measure: &Measure| catalogue().position(|other| other.name == measure.name);
-        Self(measure::find(column).and_then(|(_, measure)| known(measure)).unwrap_or(usize::MAX))
+        Self(column.measure().and_then(known).unwrap_or(usize::MAX))
     }
 
     /// What the catalogue calls it.
