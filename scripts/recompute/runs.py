@@ -67,9 +67,14 @@ def _of_run(report: Report, arm: str, path: Path) -> Iterator[tuple[Key, float]]
         if curve and curve[0][1] is not None:
             for measure, value in _curve(curve):
                 yield key(stage, level, measure), value
-        for measure, value in (plasticity[stage] or [{}])[-1].items():
-            if measure not in ("stage", "level", "timesteps", "cumulative_timesteps") and not math.isnan(float(value)):
-                yield key(stage, level, measure), float(value)
+        # The row at timestep 0 is before the first update.
+        begin = [row for row in plasticity[stage] if int(row["timesteps"]) == 0]
+        updates = [row for row in plasticity[stage] if int(row["timesteps"]) > 0]
+        for prefix, rows in (("before/", begin), ("", updates)):
+            for measure, value in (rows or [{}])[-1].items():
+                is_place = measure in ("stage", "level", "timesteps", "cumulative_timesteps")
+                if not is_place and not math.isnan(float(value)):
+                    yield key(stage, level, prefix + measure), float(value)
 
 
 def _rows(path: Path) -> list[dict[str, str]]:

@@ -41,8 +41,11 @@ fn plasticity_is_read_where_it_was_logged() {
     let first = CURRICULUM.write(root.path());
     Fake { seed: 1, ..CURRICULUM }.write(root.path());
     let head = "stage,level,timesteps,cumulative_timesteps,plasticity/policy.0/dormant_0.1,plasticity/weight_norm\n";
-    fs::write(first.join("plasticity.csv"), format!("{head}0,a,500,500,0.25,NaN\n1,b,500,1500,0.75,3\n"))
-        .expect("writable");
+    fs::write(
+        first.join("plasticity.csv"),
+        format!("{head}0,a,500,500,0.25,NaN\n1,b,0,1000,0.5,NaN\n1,b,500,1500,0.75,3\n"),
+    )
+    .expect("writable");
     let analysis = read(&root);
     let dormant = |stage| {
         let series = analysis.arms[0].plasticity.iter().filter(|series| series.stage == stage);
@@ -64,6 +67,11 @@ fn plasticity_is_read_where_it_was_logged() {
         "measure,level a,level a low,level a high,level b,level b low,level b high\n\
          policy.0/dormant_0.1,0.25,,,0.75,,\nweight_norm,,,,3,,\n"
     );
+    // What stands before the first update of a stage is no point of a curve, and no end.
+    let csv = table(&analysis, "plasticity-before-ppo", Format::Csv);
+    assert!(csv.ends_with("\npolicy.0/dormant_0.1,,,,0.5,,\n"), "{csv}");
+    let before = analysis.seed_values.iter().find(|value| value.measure == "before/plasticity/policy.0/dormant_0.1");
+    assert_eq!(before.map(|value| (value.stage, value.value)), Some((Some(1), 0.5)));
 }
 
 #[test]

@@ -20,9 +20,10 @@ use crate::sandbox::Sandbox;
 
 const FROM_SCRATCH_A: Fake = Fake { levels: &["a"], ..FROM_SCRATCH_B };
 /// Columns of `plasticity.csv`: of all parameters, of a hidden layer of each network, and of an output layer.
-const MEASURES: [&str; 6] = [
+const MEASURES: [&str; 7] = [
     "grad_norm",
     "policy.0/dormant_0.1",
+    "policy.0/dormant_0.1/visited",
     "policy.0/effective_rank",
     "value.0/effective_rank",
     "value.1/weight_magnitude",
@@ -145,17 +146,18 @@ fn check_png(path: &Path) {
     assert!(pixels.chunks(4).any(|pixel| pixel != &pixels[..4]), "{} is empty", path.display());
 }
 
-/// Writes a log of every measure, one row per quarter of a stage; the second value of each column is NaN.
+/// Writes a log of every measure, a row for the beginning of each stage and for each quarter; the second quarter has NaN.
 fn log_plasticity(run: &Fake, path: &Path) {
     let mut text = "stage,level,timesteps,cumulative_timesteps".to_owned();
     MEASURES.iter().for_each(|name| write!(text, ",plasticity/{name}").expect("memory"));
     for (stage, level) in run.levels.iter().enumerate() {
-        for quarter in 1..=4 {
+        for quarter in 0..=4 {
             let cumulative = 1000 * stage + 250 * quarter;
             write!(text, "\n{stage},{level},{},{cumulative}", 250 * quarter).expect("memory");
             for measure in 0..MEASURES.len() {
                 let value = (measure + quarter) as f64 + run.seed as f64 / 8.0;
-                let value = if quarter == 2 { f64::NAN } else { value };
+                let is_known = quarter != 2 && (quarter > 0 || MEASURES[measure] != "grad_norm");
+                let value = if is_known { value } else { f64::NAN };
                 write!(text, ",{value}").expect("memory");
             }
         }
@@ -187,8 +189,8 @@ fn thirty_seeds_of_two_arms_have_every_figure() {
         "plasticity-loss",
         "time-to-threshold",
         "plasticity",
-        "plasticity-against-from-scratch-ppo",
         "plasticity-value.0",
+        "plasticity-against-from-scratch-ppo",
         "plasticity-weights",
     ];
     assert_eq!(report.names(), expected);
@@ -196,7 +198,7 @@ fn thirty_seeds_of_two_arms_have_every_figure() {
     let bands = "30 seeds per arm. Bands: 95% intervals of the mean over seeds, at each point by itself (percentile";
     assert!(caption.contains(bands), "{caption}");
     let svg = |name: &str| fs::read_to_string(report.path(&format!("figures/{name}.svg"))).expect("the drawing");
-    for text in ["gradient norm before clipping", "a_measure_to_come", "dormant units"] {
+    for text in ["gradient norm before clipping", "a_measure_to_come", "dormant units", "visited states"] {
         assert!(svg("plasticity").contains(text), "{text}");
     }
     // One value of four is none in every run, for every measure.

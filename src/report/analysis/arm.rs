@@ -36,6 +36,8 @@ pub struct Arm {
     pub curves: Vec<Curve>,
     /// Plasticity measures during training, one per measure and entry of `stages`; empty where none were logged.
     pub plasticity: Vec<PlasticitySeries>,
+    /// The same at the beginning of each stage, before its first update.
+    pub plasticity_begins: Vec<PlasticityEnd>,
     /// The same at the end of each stage.
     pub plasticity_ends: Vec<PlasticityEnd>,
 }
@@ -53,7 +55,8 @@ impl Arm {
             seeds: group.seeds(),
             curves: curves::learning(group, &stages, &names, bands),
             plasticity: curves::plasticity(group, &stages, &names, bands),
-            plasticity_ends: ends::of_group(group, &stages, &names, bootstrap),
+            plasticity_ends: ends::of_group(group, &stages, &names, bootstrap, |log| &log.ends),
+            plasticity_begins: ends::of_group(group, &stages, &names, bootstrap, |log| &log.begins),
             levels: names.iter().map(|name| LevelOutcome::of(group, name, bootstrap)).collect(),
             matrix,
             stages,

@@ -1,4 +1,4 @@
-//! Plasticity measures at the end of each stage: what the training on a level leaves behind.
+//! Plasticity measures at both ends of each stage: how an agent comes to a level, and what training on it leaves behind.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,10 +6,11 @@ use rl_stats::Bootstrap;
 use serde::Serialize;
 
 use super::groups::{ArmStage, Group};
+use super::logs::MeasureLog;
 use super::over_seeds::OverSeeds;
 use super::run::Run;
 
-/// A plasticity measure at the end of a stage.
+/// A plasticity measure at one end of a stage.
 #[derive(Clone, Debug, Serialize)]
 pub struct PlasticityEnd {
     /// The measure's column in `plasticity.csv`.
@@ -18,17 +19,18 @@ pub struct PlasticityEnd {
     pub stage: u16,
     /// Index into the levels.
     pub level: usize,
-    /// The last row's value, over the seeds that have finished the stage and have one.
+    /// Its value there, over the seeds that have finished the stage and have one.
     #[serde(flatten)]
     pub value: OverSeeds,
 }
 
-/// Every measure at the end of every stage; what no seed has is left out.
+/// Every measure where `end` reads it of each stage's log; what no seed has is left out.
 pub(super) fn of_group(
     group: &Group,
     stages: &[ArmStage],
     names: &[&str],
     bootstrap: &Bootstrap,
+    end: fn(&MeasureLog) -> &[Option<f64>],
 ) -> Vec<PlasticityEnd> {
     let measures: BTreeSet<&String> = group.runs.iter().flat_map(|run| run.logs.plasticity.keys()).collect();
     let mut all = Vec::new();
@@ -36,7 +38,7 @@ pub(super) fn of_group(
         for stage in stages {
             let last = |run: &Run| {
                 let log = run.logs.plasticity.get(measure)?;
-                (stage.stage < run.manifest.stages_done).then(|| log.ends[usize::from(stage.stage)]).flatten()
+                (stage.stage < run.manifest.stages_done).then(|| end(log)[usize::from(stage.stage)]).flatten()
             };
             let runs = group.runs_on(stage, names[stage.level]);
             let seeds: BTreeMap<u64, f64> =

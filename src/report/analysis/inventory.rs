@@ -31,7 +31,7 @@ pub struct RunInfo {
     pub log_rows: u64,
     /// Those among them without a mean return (NaN), which curves step over.
     pub rows_without_return: u64,
-    /// Rows of `plasticity.csv`.
+    /// Rows of `plasticity.csv` after updates.
     pub plasticity_rows: u64,
     /// Measures that have no value (NaN) in some of them, with how many those are.
     pub plasticity_without_value: BTreeMap<String, u64>,

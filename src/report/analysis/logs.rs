@@ -28,7 +28,7 @@ pub(super) struct Logs {
     pub(super) stages: Vec<StageLog>,
     /// By measure; empty where none were logged.
     pub(super) plasticity: BTreeMap<String, MeasureLog>,
-    /// Rows of `plasticity.csv`.
+    /// Rows of `plasticity.csv` after updates.
     pub(super) plasticity_rows: u64,
     /// Rows of `progress.csv`.
     pub(super) rows: u64,
@@ -51,9 +51,11 @@ pub(super) struct StageLog {
 pub(super) struct MeasureLog {
     /// By stage.
     pub(super) bins: Vec<Bins>,
+    /// The value before the first update of each stage; none where that has none (NaN), or there is no such row.
+    pub(super) begins: Vec<Option<f64>>,
     /// The value in the last row of each stage; none where that has none (NaN), or there is no row.
     pub(super) ends: Vec<Option<f64>>,
-    /// Rows without a value.
+    /// Rows after an update that have no value.
     pub(super) rows_without_value: u64,
 }
 
@@ -158,6 +160,7 @@ impl Logs {
         let measures: Vec<(usize, &str)> = log.head.iter().enumerate().filter(is_measure).collect();
         let empty = MeasureLog {
             bins: stages.iter().map(|stage| Bins::new(PLASTICITY_BINS, stage.timesteps)).collect(),
+            begins: vec![None; stages.len()],
             ends: vec![None; stages.len()],
             rows_without_value: 0,
         };
@@ -173,6 +176,12 @@ impl Logs {
                 self.damaged_rows += 1;
                 continue;
             };
+            // Nothing was trained yet: such a row is no point of a curve, and has no measures of an update.
+            if timesteps == 0.0 {
+                let known = |value: f64| (!value.is_nan()).then_some(value);
+                series.iter_mut().zip(values).for_each(|((_, log), &value)| log.begins[stage] = known(value));
+                continue;
+            }
             self.plasticity_rows += 1;
             for ((_, log), &value) in series.iter_mut().zip(values) {
                 log.bins[stage].push(timesteps, cumulative, value);

@@ -69,6 +69,8 @@ fn of_run(arm: usize, run: &Run, levels: &[LevelInfo], all: &mut Vec<SeedValue>)
             }
         }
         for (measure, log) in &run.logs.plasticity {
+            let begin = log.begins.get(number).copied().flatten();
+            push(after, level, Cow::Owned(format!("before/{measure}")), begin);
             push(after, level, Cow::Owned(measure.clone()), log.ends.get(number).copied().flatten());
         }
     }

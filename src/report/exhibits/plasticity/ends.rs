@@ -1,4 +1,4 @@
-//! Plasticity measures at the end of each stage: what the training on each level leaves behind.
+//! Plasticity measures at both ends of each stage: how an agent comes to a level, and what training on it leaves behind.
 
 use rl_stats::Estimate;
 use serde::Serialize;
@@ -8,8 +8,11 @@ use crate::measure::PREFIX;
 use crate::report::analysis::{Analysis, Arm, ArmStage, OverSeeds, Pair, PlasticityEnd};
 use crate::report::table::{Cell, Table};
 
-/// What every one of these tables says.
-const MEASURES: &str = "Of the last row of plasticity.csv of each stage; docs/metrics.md defines the measures.";
+/// What the tables of the ends say.
+const LAST: &str = "Of the last row of plasticity.csv of each stage; docs/metrics.md defines the measures.";
+/// What those of the beginnings say.
+const FIRST: &str = "Of each stage's row of plasticity.csv at timestep 0, before its first update, on that stage's level; \
+                     docs/metrics.md defines the measures.";
 
 /// The differences curriculum − from scratch of one pair.
 #[derive(Clone, Debug, Serialize)]
@@ -39,7 +42,7 @@ impl Differences {
     pub(super) fn table(&self, analysis: &Analysis) -> Table {
         let arm = &analysis.arms[self.pair.curriculum];
         let title = format!("{}: plasticity measures at the end of each stage, curriculum - from scratch", arm.name);
-        let mut table = table(analysis, self.pair.curriculum, title, &self.ends);
+        let mut table = table(analysis, self.pair.curriculum, title, LAST, &self.ends);
         table.notes.push("Differences are paired by seed.".to_owned());
         table
     }
@@ -48,10 +51,16 @@ impl Differences {
 /// An arm's measures: a row per measure, a column per level that it was trained on.
 pub(super) fn of_arm(analysis: &Analysis, index: usize, arm: &Arm) -> Table {
     let title = format!("{}: plasticity measures at the end of each stage", arm.name);
-    table(analysis, index, title, &arm.plasticity_ends)
+    table(analysis, index, title, LAST, &arm.plasticity_ends)
 }
 
-fn table(analysis: &Analysis, arm: usize, title: String, ends: &[PlasticityEnd]) -> Table {
+/// The same at the beginning of each stage.
+pub(super) fn of_beginnings(analysis: &Analysis, index: usize, arm: &Arm) -> Table {
+    let title = format!("{}: plasticity measures at the beginning of each stage", arm.name);
+    table(analysis, index, title, FIRST, &arm.plasticity_begins)
+}
+
+fn table(analysis: &Analysis, arm: usize, title: String, note: &str, ends: &[PlasticityEnd]) -> Table {
     let stages = &analysis.arms[arm].stages;
     let mut measures: Vec<&str> = ends.iter().map(|end| end.measure.as_str()).collect();
     measures.dedup();
@@ -72,7 +81,7 @@ fn table(analysis: &Analysis, arm: usize, title: String, ends: &[PlasticityEnd])
         columns(&["measure"], analysis, stages.iter().map(|stage| stage.level)),
         measures.into_iter().map(row).collect(),
         vec![
-            format!("{MEASURES} Means over {seeds}."),
+            format!("{note} Means over {seeds}."),
             interval_note(analysis, ends.iter().map(|end| (arm, &end.value.mean))),
         ],
     )

@@ -9,7 +9,7 @@ use super::super::parts::caption;
 use super::super::parts::curves::by_sequence;
 use super::super::parts::style::arms_of;
 use super::super::parts::timeline::{Timeline, levels_of};
-use super::panels::{HIDDEN, Line, WEIGHTS, chart, layer_order, layers, logged, of_seeds, panel, panels};
+use super::panels::{HIDDEN, Line, WEIGHTS, chart, layer_order, layers, logged, of_seeds, panel, panels, value_layer};
 use crate::measure::PREFIX;
 use crate::report::analysis::{Analysis, Arm, Protocol};
 use crate::report::names::file_name;
@@ -44,7 +44,12 @@ impl Exhibit for Layers {
     }
 }
 
-/// Every hidden layer but those of the main figure, and the weights of all layers.
+/// The last hidden layer of the network that values states, which stands beside the main figure.
+pub(super) fn of_values(analysis: &Analysis, arms: &[(usize, &Arm)]) -> Option<NamedFigure> {
+    of_layer(analysis, arms, arms.iter().find_map(|(_, arm)| value_layer(arm))?)
+}
+
+/// Every other hidden layer, and the weights of all layers.
 fn by_layer(analysis: &Analysis, arms: &[(usize, &Arm)]) -> Vec<NamedFigure> {
     let (indices, lines, _) = logged(analysis, arms);
     let Some(first) = lines.first() else { return Vec::new() };
@@ -55,29 +60,9 @@ fn by_layer(analysis: &Analysis, arms: &[(usize, &Arm)]) -> Vec<NamedFigure> {
         layers.sort_by_key(|layer| layer_order(layer));
         layers
     };
-    let of_layer = |layer: &str| {
-        let in_it = |line: &&Line| layers(line.arm, HIDDEN).contains(&layer);
-        let with: Vec<Line> = lines.iter().filter(in_it).cloned().collect();
-        // The main figure has it already.
-        if with.iter().all(|line| line.layer == Some(layer)) {
-            return None;
-        }
-        let shown: Vec<usize> =
-            indices.iter().zip(&lines).filter(|(_, line)| in_it(line)).map(|(index, _)| *index).collect();
-        let with: Vec<Line> = with.into_iter().map(|line| Line { layer: Some(layer), ..line }).collect();
-        let title = format!("Hidden layer {layer} during the curriculum");
-        Some(NamedFigure {
-            name: format!("plasticity-{}", file_name(layer)),
-            caption: caption::join([format!("{title}."), of_seeds(analysis, &timeline, &shown)]),
-            drawing: chart(
-                &timeline,
-                About::new(title, "A panel per measure."),
-                panels(analysis, &timeline, &with, false),
-            ),
-            tables: Vec::new(),
-        })
-    };
-    let mut figures: Vec<NamedFigure> = all_layers(HIDDEN).into_iter().filter_map(of_layer).collect();
+    let values = arms.iter().find_map(|(_, arm)| value_layer(arm));
+    let others = all_layers(HIDDEN).into_iter().filter(|&layer| values != Some(layer));
+    let mut figures: Vec<NamedFigure> = others.filter_map(|layer| of_layer(analysis, arms, layer)).collect();
     let weights_of = |layer: &str| {
         let column = |_: &Line| Some(format!("{PREFIX}{layer}/{WEIGHTS}"));
         panel(analysis, &timeline, &lines, format!("layer {layer}"), column)
@@ -93,4 +78,25 @@ fn by_layer(analysis: &Analysis, arms: &[(usize, &Arm)]) -> Vec<NamedFigure> {
         });
     }
     figures
+}
+
+/// One hidden layer of the arms that have it; none that the main figure has already.
+fn of_layer(analysis: &Analysis, arms: &[(usize, &Arm)], layer: &str) -> Option<NamedFigure> {
+    let (indices, lines, _) = logged(analysis, arms);
+    let timeline =
+        Timeline::new(&lines.iter().map(|line| line.arm).collect::<Vec<_>>(), &levels_of(lines.first()?.arm));
+    let in_it = |line: &Line| layers(line.arm, HIDDEN).contains(&layer);
+    if lines.iter().filter(|line| in_it(line)).all(|line| line.layer == Some(layer)) {
+        return None;
+    }
+    let shown: Vec<usize> =
+        indices.iter().zip(&lines).filter(|(_, line)| in_it(line)).map(|(index, _)| *index).collect();
+    let with: Vec<Line> = lines.into_iter().filter(in_it).map(|line| Line { layer: Some(layer), ..line }).collect();
+    let title = format!("Hidden layer {layer} during the curriculum");
+    Some(NamedFigure {
+        name: format!("plasticity-{}", file_name(layer)),
+        caption: caption::join([format!("{title}."), of_seeds(analysis, &timeline, &shown)]),
+        drawing: chart(&timeline, About::new(title, "A panel per measure."), panels(analysis, &timeline, &with, false)),
+        tables: Vec::new(),
+    })
 }

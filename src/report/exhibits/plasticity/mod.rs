@@ -42,7 +42,7 @@ impl Exhibit for Plasticity {
     }
 
     fn lead(&self) -> &'static str {
-        "Measured on fixed states of each level. Dormancy calls a tanh unit that is stuck at ±1 healthy: read dormant \
+        "Measured on fixed states of each level, and on those that the agent visits itself. Dormancy calls a tanh unit that is stuck at ±1 healthy: read dormant \
          and saturated units together."
     }
 
@@ -70,7 +70,12 @@ impl Exhibit for Plasticity {
 
     fn tables(&self, analysis: &Analysis) -> Vec<NamedTable> {
         let arms = analysis.arms.iter().enumerate();
-        let own = arms.map(|(index, arm)| NamedTable::new(table_name(arm), ends::of_arm(analysis, index, arm)));
+        let own = arms.flat_map(|(index, arm)| {
+            let end = NamedTable::new(table_name(arm), ends::of_arm(analysis, index, arm));
+            let beginning = ends::of_beginnings(analysis, index, arm);
+            let beginning = NamedTable::new(format!("plasticity-before-{}", file_name(&arm.name)), beginning);
+            [Some(end), (!arm.plasticity_begins.is_empty()).then_some(beginning)].into_iter().flatten()
+        });
         let differences = self.differences.iter().map(|differences| {
             let arm = &analysis.arms[differences.pair.curriculum];
             NamedTable::new(differences_name(arm), differences.table(analysis))
@@ -82,6 +87,7 @@ impl Exhibit for Plasticity {
         let mut figures = Vec::new();
         for arms in by_sequence(&arms_of(analysis, Protocol::Curriculum)) {
             figures.extend(together(analysis, "plasticity", "Plasticity measures during the curriculum", &arms));
+            figures.extend(layers::of_values(analysis, &arms));
         }
         let has_curriculum = |arm: usize| analysis.pairs.iter().any(|pair| pair.from_scratch == arm);
         let mut alone = arms_of(analysis, Protocol::FromScratch);
