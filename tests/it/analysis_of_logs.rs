@@ -69,7 +69,7 @@ fn plasticity_is_read_where_it_was_logged() {
     );
     // What stands before the first update of a stage is no point of a curve, and no end.
     let csv = table(&analysis, "plasticity-before-ppo", Format::Csv);
-    assert!(csv.ends_with("\npolicy.0/dormant_0.1,,,,0.5,,\n"), "{csv}");
+    assert!(csv.ends_with("\npolicy.0/dormant_0.1,,0.5,,\n"), "{csv}");
     let before = analysis.seed_values.iter().find(|value| value.measure == "before/plasticity/policy.0/dormant_0.1");
     assert_eq!(before.map(|value| (value.stage, value.value)), Some((Some(1), 0.5)));
 }
