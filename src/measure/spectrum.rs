@@ -32,11 +32,15 @@ impl Spectra {
             return Self { plain: none.clone(), centred: none };
         }
         let (rows, first) = (matrix.len() / columns, &matrix[..columns]);
-        let shifted = |row: usize, column: usize| match column {
-            0 => 1.0,
-            _ => matrix[row * columns + column - 1] - first[column - 1],
-        };
-        let r = DMatrix::from_fn(rows, columns + 1, shifted).qr().unpack_r();
+        // Column by column, as the decomposition wants it; a few at once, as memory does.
+        let mut shifted = vec![1.0; rows * (columns + 1)];
+        for (block, start) in shifted[rows..].chunks_mut(8 * rows).zip((0..).step_by(8)) {
+            for (row, values) in matrix.chunks_exact(columns).enumerate() {
+                let each = block.chunks_exact_mut(rows).zip(values[start..].iter().zip(&first[start..]));
+                each.for_each(|(column, (value, first))| column[row] = value - first);
+            }
+        }
+        let r = DMatrix::from_vec(rows, columns + 1, shifted).qr().unpack_r();
         let mut plain = r.columns(1, columns).into_owned();
         let centred = plain.rows(1, r.nrows() - 1).into_owned();
         plain.row_mut(0).iter_mut().zip(first).for_each(|(value, first)| *value += r[(0, 0)] * first);

@@ -105,7 +105,8 @@ fn read<'a>(tower: &Tower, parameters: &'a [f32], workspace: &Workspace) -> Vec<
     let layer = |(i, block): (usize, &Block)| {
         let hidden = (i < last).then(|| {
             let activations = workspace.activations(i);
-            let values = activations.rows().flatten().copied().map(f64::from).collect();
+            let mut values = Vec::with_capacity(activations.len() * activations.width());
+            activations.rows().for_each(|row| values.extend(row.iter().copied().map(f64::from)));
             Hidden::new(values, activations.width(), units(tower.mlp.activation()))
         });
         Layer { name: format!("{}.{i}", tower.name), weights: &parameters[block.weight.clone()], hidden }
