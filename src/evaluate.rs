@@ -4,16 +4,13 @@ use std::sync::Arc;
 
 use bit_mlp::Prepared;
 use coverage_env::planner::{PlanError, Planner};
-use coverage_env::random::{below, unit_f32, unit_f64};
+use coverage_env::random::below;
 use coverage_env::{Action, CellSet, CoverageEnv, Level, Scene, Sensor, State};
 
-use crate::agent::network::{Network, Outputs};
-use crate::agent::{greedy, sample};
+use crate::agent::network::Network;
+use crate::agent::{Behaviour, greedy};
 use crate::random::{Purpose, Stream};
 use crate::results::{Episode, LevelResult};
-
-/// ε of a stochastic evaluation of DQN.
-const STOCHASTIC_EPSILON: f64 = 0.05;
 
 /// Where episodes start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,32 +45,15 @@ impl Starts {
 pub enum Choose {
     /// The arg max, ties to the lowest index.
     Greedy,
-    /// Drawn from the softmax of PPO's logits.
-    Sample(Stream),
-    /// DQN's arg max, but uniform with probability 0.05.
-    EpsilonGreedy(Stream),
+    /// As an agent behaves while it trains, drawn from this stream.
+    Sampled(Behaviour, Stream),
 }
 
 impl Choose {
-    /// The stochastic choice that suits these outputs: sampling for a policy, ε-greedy for action values.
-    pub fn stochastic(outputs: Outputs, seed: u64) -> Self {
-        let stream = Stream::new(seed, 0, Purpose::EvaluationActions);
-        match outputs {
-            Outputs::Logits => Self::Sample(stream),
-            Outputs::Values => Self::EpsilonGreedy(stream),
-        }
-    }
-
     fn action(&mut self, outputs: &[f32]) -> Action {
         match self {
             Self::Greedy => greedy(outputs),
-            Self::Sample(stream) => sample(outputs, unit_f32(stream)),
-            Self::EpsilonGreedy(stream) => {
-                if unit_f64(stream) < STOCHASTIC_EPSILON {
-                    return Action::ALL[below(stream, Action::COUNT as u32) as usize];
-                }
-                greedy(outputs)
-            }
+            Self::Sampled(behaviour, stream) => behaviour.choose(outputs, stream),
         }
     }
 }
@@ -90,38 +70,40 @@ pub fn network(
 ) -> LevelResult {
     let mut acting = Prepared::new(network.acting(), parameters, &sensor.constant_inputs(level));
     let mut active = Vec::new();
-    let mut circle = Circle { visited: None, actions: vec![None; level.len()] };
+    let mut circle = Circle { visited: None, outputs: vec![None; level.len()] };
     let episode = |start| {
         episode(level, max_steps, start, |state| {
-            let is_greedy = matches!(choose, Choose::Greedy);
-            let mut ask = || {
+            let ask = || {
                 active.clear();
                 sensor.push_active(Scene::new(level, state), &mut active);
-                choose.action(acting.forward_one(parameters, &active))
+                std::array::from_fn({
+                    let outputs = acting.forward_one(parameters, &active);
+                    |action| outputs[action]
+                })
             };
-            if is_greedy { circle.action(state, ask) } else { ask() }
+            choose.action(circle.outputs(state, ask))
         })
     };
     LevelResult::new(level.name(), starts.cells(level).into_iter().map(episode).collect())
 }
 
-/// What a greedy policy did in each cell since it last came to a new one.
+/// What a network said in each cell since the agent last came to a new one.
 ///
-/// What it observes depends on its cell and the visited cells alone, and so does what it does. A policy that fails walks
-/// over visited cells in a circle, mostly: it is asked once around, instead of at each step until the limit.
+/// What an agent observes depends on its cell and the visited cells alone, and so does what the network says. An agent that
+/// fails walks over visited cells, mostly: the network is asked once for each, instead of at each step until the limit.
 struct Circle {
     visited: Option<CellSet>,
     /// By cell.
-    actions: Vec<Option<Action>>,
+    outputs: Vec<Option<[f32; Action::COUNT]>>,
 }
 
 impl Circle {
-    fn action(&mut self, state: &State, ask: impl FnOnce() -> Action) -> Action {
+    fn outputs(&mut self, state: &State, ask: impl FnOnce() -> [f32; Action::COUNT]) -> &[f32] {
         if self.visited.as_ref() != Some(&state.visited) {
             self.visited = Some(state.visited.clone());
-            self.actions.fill(None);
+            self.outputs.fill(None);
         }
-        *self.actions[usize::from(state.agent)].get_or_insert_with(ask)
+        self.outputs[usize::from(state.agent)].get_or_insert_with(ask)
     }
 }
 
@@ -181,17 +163,24 @@ mod tests {
                 let mut parameters = config.agent(&level, seed as u64).parameters;
                 // Louder than at first, so that the policy has opinions: it walks about before it goes round.
                 parameters.iter_mut().for_each(|parameter| *parameter *= 3.0);
-                let (starts, choose) = (Starts::Exhaustive, &mut Choose::Greedy);
-                let found = super::network(&network, sensor, &parameters, &level, 200, starts, choose);
+                let stream = || Stream::new(0, 0, Purpose::EvaluationActions);
+                let sampled = |behaviour| move || Choose::Sampled(behaviour, stream());
+                let (softmax, epsilon) = (sampled(Behaviour::Sampled), sampled(Behaviour::EpsilonGreedy(0.05)));
+                let ways: [&dyn Fn() -> Choose; 3] = [&|| Choose::Greedy, &softmax, &epsilon];
+                for choose in ways {
+                    let starts = Starts::Exhaustive;
+                    let found = super::network(&network, sensor, &parameters, &level, 200, starts, &mut choose());
 
-                let mut acting = Prepared::new(network.acting(), &parameters, &sensor.constant_inputs(&level));
-                let mut ask = |state: &State| {
-                    let mut active = Vec::new();
-                    sensor.push_active(Scene::new(&level, state), &mut active);
-                    greedy(acting.forward_one(&parameters, &active))
-                };
-                let plain = level.starts().iter().map(|&start| episode(&level, 200, start, &mut ask)).collect();
-                assert_eq!(found, LevelResult::new(level.name(), plain));
+                    let mut acting = Prepared::new(network.acting(), &parameters, &sensor.constant_inputs(&level));
+                    let mut choose = choose();
+                    let mut ask = |state: &State| {
+                        let mut active = Vec::new();
+                        sensor.push_active(Scene::new(&level, state), &mut active);
+                        choose.action(acting.forward_one(&parameters, &active))
+                    };
+                    let plain = level.starts().iter().map(|&start| episode(&level, 200, start, &mut ask)).collect();
+                    assert_eq!(found, LevelResult::new(level.name(), plain));
+                }
             }
         }
     }

@@ -23,8 +23,9 @@ pub trait Algorithm: Settings + Any + Debug + Send + Sync {
     fn defaults(&self, shared: &mut Shared);
     /// What the outputs of the acting tower mean.
     fn outputs(&self) -> Outputs;
-    /// How its agents choose actions after this many timesteps of a stage; what DQN does before it learns is left out.
-    fn behaviour(&self, stage: &Stage, timesteps: u64) -> Behaviour;
+    /// How its agents choose actions after so many timesteps of a stage; without these, once exploration has decayed. What
+    /// DQN does before it learns is left out.
+    fn behaviour(&self, when: Option<(&Stage, u64)>) -> Behaviour;
     /// The towers of its network; the first one acts.
     fn heads(&self) -> &'static [Head];
     /// Copies of the parameters that its agents carry, by name.

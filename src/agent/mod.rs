@@ -23,7 +23,7 @@ mod observe;
 mod stage;
 
 pub use begin::{learner, resume};
-pub use choice::{Behaviour, greedy, sample};
+pub use choice::{Behaviour, greedy};
 pub use episodes::EpisodeWindow;
 pub use learner::{Learner, Metrics};
 pub(crate) use observe::observations;

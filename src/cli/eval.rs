@@ -9,8 +9,11 @@ use coverage_env::Level;
 
 use super::output::print_evaluations;
 use super::{StartArgs, parse_levels};
+use crate::agent::Behaviour;
+use crate::agent::config::Config;
 use crate::error::UserError;
 use crate::evaluate::{self, Choose};
+use crate::random::{Purpose, Stream};
 use crate::report::Format;
 use crate::results::Evaluation;
 use crate::run::checkpoint::Checkpoint;
@@ -31,7 +34,7 @@ pub struct EvalArgs {
     levels: Option<String>,
     #[command(flatten)]
     starts: StartArgs,
-    /// Sample PPO's policy; for DQN, act randomly with probability 0.05.
+    /// Sample PPO's policy; for DQN, act randomly with the final probability of its exploration: the run's, or 0.05.
     #[arg(long)]
     stochastic: bool,
     /// Step limit of an episode [default: the run's, or 200].
@@ -45,6 +48,7 @@ pub struct EvalArgs {
 /// A model to evaluate.
 struct Model {
     checkpoint: Checkpoint,
+    behaviour: Behaviour,
     policy: String,
     run: Option<String>,
     max_steps: u32,
@@ -66,7 +70,7 @@ impl EvalArgs {
     fn evaluate(&self, path: &Path, levels: Option<&[Level]>) -> Result<Evaluation> {
         let model = self.load(path, levels)?;
         let max_steps = self.max_steps.unwrap_or(model.max_steps);
-        let Checkpoint { algorithm, sensor, network, agent, origin, .. } = &model.checkpoint;
+        let Checkpoint { sensor, network, agent, origin, .. } = &model.checkpoint;
         let mut results = Vec::new();
         for level in model.levels {
             if sensor.shape(level.height(), level.width()) != sensor.shape(origin.height, origin.width) {
@@ -83,7 +87,7 @@ impl EvalArgs {
             }
             let starts = self.starts.starts();
             let mut choose = if self.stochastic {
-                Choose::stochastic(algorithm.outputs(), self.starts.seed)
+                Choose::Sampled(model.behaviour, Stream::new(self.starts.seed, 0, Purpose::EvaluationActions))
             } else {
                 Choose::Greedy
             };
@@ -113,7 +117,8 @@ impl EvalArgs {
                 }
             };
             let policy = path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-            return Ok(Model { checkpoint, policy, run: None, max_steps: coverage_env::MAX_STEPS, levels });
+            let behaviour = checkpoint.algorithm.behaviour(None);
+            return Ok(Model { checkpoint, behaviour, policy, run: None, max_steps: coverage_env::MAX_STEPS, levels });
         }
         if !path.join(manifest::FILE).is_file() {
             let message = "holds no run: give a run's directory (with a manifest.json) or a checkpoint file";
@@ -138,8 +143,12 @@ impl EvalArgs {
             };
             manifest.levels.iter().map(|name| Ok(trained(name)?)).collect()
         };
+        let checkpoint = Checkpoint::read(&stage_checkpoint(path, stage))?;
+        // Settings of a version that had others do not keep its agents from being evaluated.
+        let algorithm = Config::recorded(&manifest.config).map_or(checkpoint.algorithm.clone(), |own| own.algorithm);
         Ok(Model {
-            checkpoint: Checkpoint::read(&stage_checkpoint(path, stage))?,
+            checkpoint,
+            behaviour: algorithm.behaviour(None),
             policy: manifest.arm.clone(),
             run: Some(path.display().to_string()),
             max_steps: manifest.max_steps(),

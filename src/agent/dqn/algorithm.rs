@@ -35,8 +35,9 @@ impl Algorithm for DqnConfig {
         Outputs::Values
     }
 
-    fn behaviour(&self, stage: &Stage, timesteps: u64) -> Behaviour {
-        Behaviour::EpsilonGreedy(Exploration::new(self, stage).epsilon(timesteps))
+    fn behaviour(&self, when: Option<(&Stage, u64)>) -> Behaviour {
+        let epsilon = |(stage, timesteps)| Exploration::new(self, stage).epsilon(timesteps);
+        Behaviour::EpsilonGreedy(when.map_or(self.exploration_final_eps, epsilon))
     }
 
     fn heads(&self) -> &'static [Head] {

@@ -34,7 +34,7 @@ impl Algorithm for PpoConfig {
         Outputs::Logits
     }
 
-    fn behaviour(&self, _stage: &Stage, _timesteps: u64) -> Behaviour {
+    fn behaviour(&self, _when: Option<(&Stage, u64)>) -> Behaviour {
         Behaviour::Sampled
     }
 

@@ -82,7 +82,7 @@ impl Monitor {
     /// The states that an agent visits after so many timesteps of the stage.
     fn visited(&self, agent: &AgentState, timesteps: u64) -> BitBatch {
         let Config { shared, algorithm, .. } = &self.config;
-        let behaviour = algorithm.behaviour(&self.stage, timesteps);
+        let behaviour = algorithm.behaviour(Some((&self.stage, timesteps)));
         let mut acting = Prepared::new(self.probe.network.acting(), &agent.parameters, self.reference.constant());
         let act = |active: &[u16]| {
             let outputs = acting.forward_one(&agent.parameters, active);
