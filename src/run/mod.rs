@@ -9,10 +9,12 @@ mod atomic;
 pub mod checkpoint;
 mod container;
 pub mod evaluations;
+mod first_agent;
 pub mod lock;
 pub mod logs;
 pub mod manifest;
-mod parents;
+mod open;
+mod plan;
 pub mod retention;
 mod rows;
 mod settings;
@@ -30,28 +32,25 @@ use event_file::SessionStatus;
 use tracing::debug;
 
 use crate::agent::algorithm::Algorithm;
-use crate::agent::config::Config;
 use crate::agent::network::Network;
 use crate::agent::snapshot::Snapshot;
 use crate::agent::state::AgentState;
 use crate::agent::{Metrics, Stage};
 use crate::dose::StageDose;
-use crate::error::UserError;
-use crate::experiment::Curriculum;
 use crate::measure::probe::Measurement;
 use crate::results::LevelResult;
-use checkpoint::{Checkpoint, FileError, Origin};
+use checkpoint::{Checkpoint, Origin};
 use evaluations::{Phase, Row};
 use lock::Lock;
 use logs::{Logs, Mark, Marks, PLASTICITY, PROGRESS, TENSORBOARD};
-use manifest::{Engine, Manifest, Start, Status};
+use manifest::{Manifest, Status};
 use rows::{Columns, When};
 use snapshot::SavedSnapshot;
-use standing::Found;
 
 pub use atomic::write as write_file;
 pub use lock::is_held;
-pub use parents::Parents;
+pub use open::Opened;
+pub use plan::{Parents, Plan};
 pub use settings::differences;
 pub use standing::Standing;
 
@@ -59,29 +58,6 @@ pub use standing::Standing;
 const SOURCE: &str = concat!("cpp-rl ", env!("CARGO_PKG_VERSION"));
 /// Snapshots kept of the running stage; a run that may be extended has one at its end.
 const KEPT_SNAPSHOTS: usize = 2;
-
-/// What a run is to be, as a start asks for it.
-#[derive(Clone, Debug)]
-pub struct Plan<'a> {
-    /// Its settings.
-    pub config: &'a Config,
-    /// Its stages, and the levels that it is evaluated on.
-    pub curriculum: &'a Curriculum,
-    /// What it goes on from, if it is a fork.
-    pub parents: Option<&'a Parents>,
-    /// The seed's number.
-    pub seed: u64,
-    /// What computes its networks.
-    pub engine: Engine,
-    /// Where: `cpu` or `cuda:N`.
-    pub device: String,
-    /// Timesteps between two measurements of plasticity; 0 for none.
-    pub plasticity_interval: u64,
-    /// The command as it was typed.
-    pub command: &'a [String],
-    /// Whether an existing run is continued.
-    pub resume: bool,
-}
 
 /// The directory of one run, locked for this process.
 pub struct RunDir {
@@ -108,104 +84,12 @@ pub struct RunDir {
     _lock: Lock,
 }
 
-/// A run's directory as it was found.
-pub struct Opened {
-    /// The directory.
-    pub dir: RunDir,
-    /// Where the run goes on.
-    pub standing: Standing,
-    /// What the user should know, such as that a damaged file was passed over.
-    pub notices: Vec<String>,
-}
-
 /// The path of a stage's checkpoint within a run.
 pub fn stage_checkpoint(run: &Path, stage: u16) -> PathBuf {
     run.join("checkpoints").join(format!("stage-{stage}.safetensors"))
 }
 
 impl RunDir {
-    /// Checks whether a run could be opened, without writing anything: an error in one of many runs should be known
-    /// before the first of them begins.
-    ///
-    /// # Errors
-    /// A run that is there already, is held by another process, or had other settings.
-    pub fn look(path: &Path, plan: &Plan<'_>) -> Result<()> {
-        settings::settle(path, plan)?;
-        Lock::try_out(path)
-    }
-
-    /// Takes a run's directory: creates it, or continues it if the plan says so.
-    ///
-    /// # Errors
-    /// As [`RunDir::look`]; a run of which too much is damaged; and those of the file system.
-    pub fn open(path: &Path, plan: &Plan<'_>) -> Result<Opened> {
-        let folder = snapshot::folder(path);
-        let created = atomic::create_directories(&folder);
-        created.with_context(|| format!("cannot create the run's directory {}", path.display()))?;
-        let lock = Lock::take(path)?;
-        refuse_lost_manifest(path)?;
-        let (mut manifest, extended) = settings::settle(path, plan)?;
-        for directory in [path, &path.join("checkpoints"), &folder] {
-            atomic::sweep(directory).with_context(|| format!("cannot tidy up {}", directory.display()))?;
-        }
-        let network = plan.config.network(&plan.curriculum.stages[0].level);
-        let Found { standing, marks, dose, seconds, file, damaged, mut notices } =
-            standing::find(path, &manifest, plan, &network, extended)?;
-        if let Standing::Finished = standing {
-            if manifest.status != Status::Finished {
-                manifest.status = Status::Finished;
-                manifest.write(path)?;
-            }
-        } else {
-            notices.extend(set_aside(damaged, &standing)?);
-            manifest.plan_dose(plan);
-            let start = Start::here(plan.command, standing.timesteps());
-            notices.extend(manifest.starts.last().and_then(|last| other_instructions(path, last, &start)));
-            manifest.status = Status::Running;
-            manifest.command.clone_from(&start.command);
-            manifest.plasticity_interval = plan.plasticity_interval;
-            manifest.versions = start.versions.clone();
-            manifest.host = start.host.clone();
-            manifest.starts.push(start);
-            manifest.write(path)?;
-        }
-        let evaluated = marks.get(evaluations::FILE).copied().unwrap_or_default();
-        let evaluations = match standing {
-            Standing::Finished => evaluations::read(path)?,
-            _ => evaluations::read_beginning(path, evaluated.bytes)?,
-        };
-        let since = (Instant::now(), seconds.unwrap_or(manifest.seconds));
-        let (logs, progress_columns, plasticity_columns) = match standing {
-            Standing::Finished => (Logs::closed(path), Columns::default(), Columns::default()),
-            _ => {
-                let logs = Logs::cut_back(path, &marks)?;
-                (logs, Columns::of_log(&path.join(PROGRESS))?, Columns::of_log(&path.join(PLASTICITY))?)
-            }
-        };
-        let dir = Self {
-            path: path.to_owned(),
-            manifest,
-            logs,
-            progress_columns,
-            plasticity_columns,
-            evaluations,
-            evaluated,
-            algorithm: plan.config.algorithm.clone(),
-            sensor: plan.config.shared.sensor,
-            network,
-            extensible: plan.curriculum.extensible,
-            dose,
-            newest: file,
-            since,
-            _lock: lock,
-        };
-        if let Standing::Finished = standing {
-            // A kill may have come between the end of the last stage and this.
-            dir.retain(1, u64::MAX)?;
-        }
-        Ok(Opened { dir, standing, notices })
-    }
-
     /// Where it is.
     pub fn path(&self) -> &Path {
         &self.path
@@ -410,34 +294,4 @@ impl RunDir {
         };
         remove().with_context(|| format!("cannot tidy up {}", snapshot::folder(&self.path).display()))
     }
-}
-
-/// Puts the damaged snapshots aside that were passed over; returns what to say of each.
-fn set_aside(damaged: Vec<(PathBuf, FileError)>, standing: &Standing) -> Result<Vec<String>> {
-    let instead = match standing {
-        Standing::Fresh(_) => "the run starts from its beginning",
-        _ => "the run goes on from an older save",
-    };
-    let each = damaged.into_iter().map(|(file, problem)| {
-        let aside = snapshot::set_aside(&file).with_context(|| format!("cannot rename {}", file.display()))?;
-        Ok(format!("{}: {problem}; {instead}, and the file is kept as {}", file.display(), aside.display()))
-    });
-    each.collect()
-}
-
-/// Refuses a directory with a run's checkpoints but without its manifest: a new run would overwrite them.
-fn refuse_lost_manifest(run: &Path) -> Result<()> {
-    let snapshots = snapshot::list(run).with_context(|| format!("cannot list {}", run.display()))?;
-    if run.join(manifest::FILE).exists() || (snapshots.is_empty() && !stage_checkpoint(run, 0).exists()) {
-        return Ok(());
-    }
-    let message = "holds checkpoints but no manifest.json: put it back, or choose another folder with --out";
-    Err(UserError::new(format!("{} {message}", run.display())).into())
-}
-
-/// What to say where the machine computes with other instructions than at the last start.
-fn other_instructions(run: &Path, last: &Start, now: &Start) -> Option<String> {
-    let (last, now) = (&last.instruction_set, &now.instruction_set);
-    (last != now)
-        .then(|| format!("{} goes on with {now} instead of {last}: its numbers will differ by rounding", run.display()))
 }

@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 
 use super::checkpoint::{Checkpoint, FileError};
+use super::first_agent::{first_agent, stage_agent};
 use super::logs::{self, Marks};
 use super::manifest::Manifest;
-use super::parents::{first_agent, stage_agent};
 use super::snapshot::{self, SavedSnapshot};
 use super::{Plan, stage_checkpoint};
 use crate::agent::Stage;

@@ -1,8 +1,6 @@
-//! What a fork goes on from: the checkpoint of a stage in another run's directory.
+//! The agent that a run begins with, and agents at the end of a stage.
 
-use std::collections::BTreeMap;
-use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::checkpoint::Checkpoint;
 use super::{Plan, stage_checkpoint};
@@ -10,24 +8,6 @@ use crate::agent::network::Network;
 use crate::agent::state::AgentState;
 use crate::error::UserError;
 use crate::experiment::Fork;
-
-/// What the runs of an experiment go on from.
-#[derive(Clone, Debug)]
-pub struct Parents {
-    /// How they go on.
-    pub fork: Fork,
-    /// The directory of each seed's parent.
-    pub directories: BTreeMap<u64, PathBuf>,
-    /// The place of their experiment, where the same start trains them.
-    pub experiment: Option<usize>,
-}
-
-impl Parents {
-    /// The directory of a seed's parent.
-    pub(super) fn of(&self, seed: u64) -> &Path {
-        self.directories.get(&seed).map_or(Path::new(""), PathBuf::as_path)
-    }
-}
 
 /// The agent with which a run begins: a new one, or its parent's after the treatment.
 ///
@@ -67,9 +47,9 @@ pub(super) fn stage_agent(
     let whole = has_adam && copies.iter().all(|&name| agent.kept.copies.contains_key(name));
     // Of another size it would be refused later, together with all seeds that it is computed together with.
     let alike = sensor.name() == plan.config.shared.sensor.name() && found.tensors() == network.tensors();
-    if own && whole && alike { Ok(agent) } else { Err(refused(&file, "not the checkpoint that this run wrote")) }
-}
-
-fn refused(file: &Path, problem: impl Display) -> String {
-    format!("{}: {problem}", file.display())
+    if own && whole && alike {
+        Ok(agent)
+    } else {
+        Err(format!("{}: not the checkpoint that this run wrote", file.display()))
+    }
 }
