@@ -8,6 +8,7 @@ use coverage_env::random::below;
 use coverage_env::{Action, CellSet, CoverageEnv, Level, Scene, Sensor, State};
 
 use crate::agent::network::Network;
+use crate::agent::state::AgentState;
 use crate::agent::{Behaviour, greedy};
 use crate::random::{Purpose, Stream};
 use crate::results::{Episode, LevelResult};
@@ -50,6 +51,16 @@ pub enum Choose {
 }
 
 impl Choose {
+    /// As an agent behaves, for an evaluation of an agent in training.
+    ///
+    /// The stream depends on the seed, the stage, the agent's timesteps and the map alone. So a level's returns are the
+    /// same whatever else is evaluated.
+    pub fn in_training(behaviour: Behaviour, agent: &AgentState, stage: u16, level: &Level) -> Self {
+        let when_and_where = [&agent.counters.timesteps.to_le_bytes(), level.to_map().as_bytes()].concat();
+        let place = crc32fast::hash(&when_and_where);
+        Self::Sampled(behaviour, Stream::new(agent.seed, stage, Purpose::SampledEvaluation { place }))
+    }
+
     fn action(&mut self, outputs: &[f32]) -> Action {
         match self {
             Self::Greedy => greedy(outputs),

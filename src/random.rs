@@ -27,6 +27,11 @@ pub enum Purpose {
         /// Timesteps of the stage before the measurement; modulo 2³².
         timesteps: u32,
     },
+    /// Actions of the sampled policy where a training is evaluated.
+    SampledEvaluation {
+        /// The CRC-32 of when and where.
+        place: u32,
+    },
     /// What a mitigation draws after a gradient step or, at step 0, at the beginning of a stage.
     Mitigation {
         /// The mitigation's; at most 1,000.
@@ -48,6 +53,7 @@ impl Purpose {
             Self::Environment(index) => (5, index),
             Self::ReferenceStates => (6, 0),
             Self::VisitedStates { timesteps } => (7, timesteps),
+            Self::SampledEvaluation { place } => (8, place),
             Self::Mitigation { number, step } => (64 + u64::from(number), step),
         };
         u64::from(stage) << 48 | purpose << 32 | u64::from(index)
@@ -154,6 +160,8 @@ mod tests {
             Purpose::ReferenceStates,
             Purpose::VisitedStates { timesteps: 0 },
             Purpose::VisitedStates { timesteps: 7 },
+            Purpose::SampledEvaluation { place: 0 },
+            Purpose::SampledEvaluation { place: u32::MAX },
             Purpose::Mitigation { number: 0, step: 0 },
             Purpose::Mitigation { number: 1, step: 0 },
             Purpose::Mitigation { number: 1, step: 7 },

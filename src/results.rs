@@ -2,6 +2,22 @@
 
 use serde::{Deserialize, Serialize};
 
+/// How actions follow from a network's outputs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Policy {
+    /// The arg max, ties to the lowest index.
+    #[default]
+    Greedy,
+    /// As the agent acts while it trains: drawn from the softmax, or ε-greedy.
+    Sampled,
+}
+
+impl Policy {
+    /// Both, in the order of files.
+    pub const ALL: [Self; 2] = [Self::Greedy, Self::Sampled];
+}
+
 /// One finished episode.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Episode {
@@ -68,6 +84,11 @@ impl LevelResult {
             solved_share: solved as f64 / episodes.len() as f64,
             episodes,
         }
+    }
+
+    /// Mean length, an unsolved episode counting the step limit.
+    pub fn length(&self) -> f64 {
+        self.episodes.iter().map(|episode| f64::from(episode.length)).sum::<f64>() / self.episodes.len() as f64
     }
 }
 

@@ -78,10 +78,22 @@ def test_settings_have_a_row_for_each_run(folder: Path) -> None:
 
 def test_the_mean_of_the_evaluations_is_that_of_the_binary(folder: Path) -> None:
     evaluations = cpp_rl_gym.load_runs(folder).evaluations
+    assert set(evaluations.policy) == {"greedy", "sampled"}
+    evaluations = evaluations[evaluations.policy == "greedy"]
     for run, found in evaluations[evaluations.phase == "after"].groupby("run"):
         last = found[found.stage == found.stage.max()].groupby("level")["return"].mean()
         printed = json.loads(cpp_rl("eval", folder / run, "--format", "json"))["levels"]
         assert last.to_dict() == {level["level"]: level["mean"] for level in printed}
+
+
+def test_evaluations_that_name_no_policy_are_greedy(folder: Path, tmp_path: Path) -> None:
+    [path] = [path.parent for path in folder.glob("**/ppo/**/seed-4/manifest.json")]
+    (tmp_path / "manifest.json").write_text((path / "manifest.json").read_text())
+    lines = (path / "evaluations.csv").read_text().splitlines()
+    old = [line.rpartition(",")[0] for line in lines if not line.endswith(",sampled")]
+    (tmp_path / "evaluations.csv").write_text("".join(f"{line}\n" for line in old))
+    evaluations = cpp_rl_gym.load_runs(tmp_path).evaluations
+    assert len(evaluations) == len(old) - 1 and set(evaluations.policy) == {"greedy"}
 
 
 def test_one_run_may_be_given(folder: Path) -> None:

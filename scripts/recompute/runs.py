@@ -47,14 +47,16 @@ def _of_run(report: Report, arm: str, path: Path) -> Iterator[tuple[Key, float]]
     def key(stage: int, level: str, measure: str) -> Key:
         return arm, manifest["curriculum"], manifest["seed"], stage, level, measure
 
-    episodes: dict[tuple[int, str], list[dict[str, str]]] = defaultdict(list)
+    episodes: dict[tuple[str, int, str], list[dict[str, str]]] = defaultdict(list)
     for row in _rows(path / "evaluations.csv"):
         stage = int(row["stage"]) if row["phase"] == "after" else BEFORE
         if stage < done and row["level"] in levels:
-            episodes[stage, row["level"]].append(row)
-    for (stage, level), rows in episodes.items():
+            # Files of version 0.1.0 have greedy episodes alone, and do not say so.
+            prefix = "sampled_" if row.get("policy", "greedy") == "sampled" else ""
+            episodes[prefix, stage, row["level"]].append(row)
+    for (prefix, stage, level), rows in episodes.items():
         for measure, value in _evaluation(levels[level], rows):
-            yield key(stage, level, measure), value
+            yield key(stage, level, prefix + measure), value
     progress, plasticity = _by_stage(path / "progress.csv"), _by_stage(path / "plasticity.csv")
     for stage, entry in enumerate(manifest["stages"][:done]):
         level = entry["level"]

@@ -92,6 +92,7 @@ def continual_learning(report: Report, checks: Checks) -> None:
     """The measures of the matrix of returns, seed by seed."""
     name = "continual-learning"
     measured: dict[str, list[dict[str, float | None]]] = {}
+    sampled: dict[str, list[float | None]] = {}
     for arm in filter(report.is_curriculum.get, report.arms):
         levels = report.stages[arm]
         times = [BEFORE, *range(len(levels))]
@@ -99,6 +100,11 @@ def continual_learning(report: Report, checks: Checks) -> None:
         seeds = [seed for seed in sorted(r[times[-1], 0]) if all(seed in values for values in r.values())]
         if seeds:
             measured[arm] = [_measures({ij: v[seed] for ij, v in r.items()}, len(levels)) for seed in seeds]
+        measure = "sampled_normalised_return"
+        r = {(i, j): report.after(arm, measure, i, level) for i in times for j, level in enumerate(levels)}
+        seeds = [seed for seed in sorted(r[times[-1], 0]) if all(seed in values for values in r.values())]
+        of_seeds = [_measures({ij: v[seed] for ij, v in r.items()}, len(levels)) for seed in seeds]
+        sampled[arm] = [measures["forward transfer"] for measures in of_seeds]
     for (arm,), row in _rows(checks, name, report.table(name), [(arm,) for arm in measured], ("arm",)):
         place, seeds = f"{name}: {arm}", measured[arm]
         checks.number(f"{place}, seeds", row["seeds"], len(seeds))
@@ -106,6 +112,10 @@ def continual_learning(report: Report, checks: Checks) -> None:
             values = [seed[column] for seed in seeds if seed[column] is not None]
             mean = n.mean(values) if values else None
             _interval(checks, place, row, column, mean, n.mean_interval(values))
+        if any(value is not None for values in sampled.values() for value in values):
+            values = [value for value in sampled[arm] if value is not None]
+            mean = n.mean(values) if values else None
+            _interval(checks, place, row, "sampled forward transfer", mean, n.mean_interval(values))
         areas = _transfer_by_areas(report, arm)
         value, bounds, count = areas or (None, None, len(seeds))
         _interval(checks, place, row, "transfer by areas", value, bounds)

@@ -19,7 +19,7 @@ use crate::experiment::{Curriculum, Fork, parse_treatment};
 use crate::messages::Verbosity;
 use crate::report::Format;
 use crate::report::find::find_runs;
-use crate::results::Evaluation;
+use crate::results::{Evaluation, Policy};
 use crate::run::evaluations::{Phase, level_result};
 use crate::run::manifest::Manifest;
 use crate::run::{Parents, stage_checkpoint};
@@ -90,7 +90,7 @@ impl ForkArgs {
             let last = experiment.curriculum.stages.len() as u16 - 1;
             let of_level = |rows: &[_]| {
                 let levels = experiment.curriculum.levels.iter();
-                levels.filter_map(|level| level_result(rows, Phase::After, last, level.name())).collect()
+                levels.filter_map(|level| level_result(rows, Phase::After, last, level.name(), Policy::Greedy)).collect()
             };
             evaluations.extend(outcome.finished.iter().map(|run| Evaluation {
                 policy: experiment.label(),

@@ -9,7 +9,7 @@ use super::training::{TrainingArgs, carry_out, conclude};
 use crate::experiment::Curriculum;
 use crate::messages::Verbosity;
 use crate::report::Format;
-use crate::results::Evaluation;
+use crate::results::{Evaluation, Policy};
 use crate::run::evaluations::{Phase, level_result};
 
 /// Train agents on one level.
@@ -48,7 +48,7 @@ impl TrainArgs {
                 run: Some(run.path.display().to_string()),
                 stage: Some(0),
                 seed: Some(run.seed),
-                levels: level_result(&run.evaluations, Phase::After, 0, level).into_iter().collect(),
+                levels: level_result(&run.evaluations, Phase::After, 0, level, Policy::Greedy).into_iter().collect(),
             })
             .collect();
         let printed = print_evaluations(&evaluations, self.format);

@@ -38,13 +38,13 @@ use crate::agent::state::AgentState;
 use crate::agent::{Metrics, Stage};
 use crate::dose::StageDose;
 use crate::measure::probe::Measurement;
-use crate::results::LevelResult;
+use crate::results::{LevelResult, Policy};
 use checkpoint::{Checkpoint, Origin};
-use evaluations::{Phase, Row};
+use evaluations::{Evaluations, Phase, Row};
 use lock::Lock;
-use logs::{Logs, Mark, Marks, PLASTICITY, PROGRESS, TENSORBOARD};
+use logs::{Logs, Marks, PLASTICITY, PROGRESS, TENSORBOARD};
 use manifest::{Manifest, Status};
-use rows::{Columns, When};
+use rows::{LogColumns, When};
 use snapshot::SavedSnapshot;
 
 pub use atomic::write as write_file;
@@ -64,13 +64,8 @@ pub struct RunDir {
     path: PathBuf,
     manifest: Manifest,
     logs: Logs,
-    /// Those of `progress.csv`.
-    progress_columns: Columns,
-    /// Those of `plasticity.csv`.
-    plasticity_columns: Columns,
-    evaluations: Vec<Row>,
-    /// That of the file of evaluations as it stands.
-    evaluated: Mark,
+    columns: LogColumns,
+    evaluations: Evaluations,
     algorithm: Box<dyn Algorithm>,
     sensor: &'static dyn Sensor,
     network: Network,
@@ -107,7 +102,7 @@ impl RunDir {
 
     /// Everything evaluated so far.
     pub fn evaluations(&self) -> &[Row] {
-        &self.evaluations
+        self.evaluations.rows()
     }
 
     /// The newest file that a start could go on from.
@@ -130,7 +125,7 @@ impl RunDir {
     /// Those of the file system.
     pub fn log(&mut self, stage: &Stage, timesteps: u64, cumulative: u64, metrics: &Metrics) -> Result<()> {
         let when = When { timesteps, cumulative, seconds: self.seconds() };
-        let row = rows::progress(&mut self.progress_columns, stage, when, metrics)?;
+        let row = rows::progress(&mut self.columns.progress, stage, when, metrics)?;
         self.logs.append(PROGRESS, &row)?;
         self.dose.measure(metrics);
         let stage = ("stage", f64::from(stage.index));
@@ -150,7 +145,7 @@ impl RunDir {
         measurement: &Measurement,
     ) -> Result<()> {
         let when = When { timesteps, cumulative, seconds: self.seconds() };
-        let row = rows::plasticity(&mut self.plasticity_columns, stage, when, &measurement.measures)?;
+        let row = rows::plasticity(&mut self.columns.plasticity, stage, when, &measurement.measures)?;
         self.logs.append(PLASTICITY, &row)?;
         self.tensorboard(&tensorboard::plasticity(cumulative, measurement))
     }
@@ -168,13 +163,14 @@ impl RunDir {
     ///
     /// # Errors
     /// Those of the file system.
-    pub fn evaluated(&mut self, phase: Phase, stage: u16, cumulative: u64, results: &[LevelResult]) -> Result<()> {
-        let rows = |result: &LevelResult| {
-            let row = |episode| Row { phase, stage, level: result.level.clone(), episode };
-            result.episodes.iter().cloned().map(row).collect::<Vec<_>>()
-        };
-        self.evaluations.extend(results.iter().flat_map(rows));
-        self.evaluated = Mark::of(&evaluations::write(&self.path, &self.evaluations)?);
+    pub fn evaluated(
+        &mut self,
+        phase: Phase,
+        stage: u16,
+        cumulative: u64,
+        results: &[(Policy, LevelResult)],
+    ) -> Result<()> {
+        self.evaluations.add(&self.path, phase, stage, results)?;
         self.tensorboard(&tensorboard::evaluation(cumulative, results))
     }
 
@@ -211,23 +207,8 @@ impl RunDir {
             self.tensorboard(&tensorboard::end(SessionStatus::Success))?;
         }
         self.logs.sync()?;
-        let checkpoint = Checkpoint {
-            algorithm: self.algorithm.clone(),
-            sensor: self.sensor,
-            network: self.network.clone(),
-            agent: agent.clone(),
-            has_adam: true,
-            origin: Origin {
-                height: stage.level.height(),
-                width: stage.level.width(),
-                seed: Some(agent.seed),
-                stage: Some(stage.index),
-                level: Some(stage.level.name().to_owned()),
-                source: SOURCE.to_owned(),
-            },
-        };
         let path = stage_checkpoint(&self.path, stage.index);
-        checkpoint.write(&path).with_context(|| format!("cannot write {}", path.display()))?;
+        self.checkpoint(stage, agent).write(&path).with_context(|| format!("cannot write {}", path.display()))?;
         self.newest = Some(path);
         self.manifest.stages_done = stage.index + 1;
         self.manifest.marks.truncate(stage.index.into());
@@ -264,6 +245,25 @@ impl RunDir {
         self.write_manifest()
     }
 
+    /// The checkpoint of an agent of this stage.
+    fn checkpoint(&self, stage: &Stage, agent: &AgentState) -> Checkpoint {
+        Checkpoint {
+            algorithm: self.algorithm.clone(),
+            sensor: self.sensor,
+            network: self.network.clone(),
+            agent: agent.clone(),
+            has_adam: true,
+            origin: Origin {
+                height: stage.level.height(),
+                width: stage.level.width(),
+                seed: Some(agent.seed),
+                stage: Some(stage.index),
+                level: Some(stage.level.name().to_owned()),
+                source: SOURCE.to_owned(),
+            },
+        }
+    }
+
     fn write_manifest(&mut self) -> Result<()> {
         self.manifest.seconds = self.seconds();
         self.manifest.write(&self.path)
@@ -278,9 +278,7 @@ impl RunDir {
     /// How far all files have grown that are added to.
     fn marks(&self) -> Marks {
         let mut marks = self.logs.marks();
-        if self.evaluated.bytes > 0 {
-            marks.insert(evaluations::FILE.to_owned(), self.evaluated);
-        }
+        marks.extend(self.evaluations.mark().map(|mark| (evaluations::FILE.to_owned(), mark)));
         marks
     }
 

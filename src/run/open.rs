@@ -6,11 +6,11 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 
 use super::checkpoint::FileError;
-use super::evaluations;
+use super::evaluations::{self, Evaluations};
 use super::lock::Lock;
-use super::logs::{Logs, PLASTICITY, PROGRESS};
+use super::logs::Logs;
 use super::manifest::{self, Start, Status};
-use super::rows::Columns;
+use super::rows::LogColumns;
 use super::standing::{self, Found, Standing};
 use super::{Plan, RunDir, atomic, settings, snapshot, stage_checkpoint};
 use crate::error::UserError;
@@ -73,25 +73,23 @@ impl RunDir {
         }
         let evaluated = marks.get(evaluations::FILE).copied().unwrap_or_default();
         let evaluations = match standing {
-            Standing::Finished => evaluations::read(path)?,
-            _ => evaluations::read_beginning(path, evaluated.bytes)?,
+            Standing::Finished => Evaluations::finished(path, evaluated)?,
+            _ => Evaluations::beginning(path, evaluated)?,
         };
         let since = (Instant::now(), seconds.unwrap_or(manifest.seconds));
-        let (logs, progress_columns, plasticity_columns) = match standing {
-            Standing::Finished => (Logs::closed(path), Columns::default(), Columns::default()),
+        let (logs, columns) = match standing {
+            Standing::Finished => (Logs::closed(path), LogColumns::default()),
             _ => {
                 let logs = Logs::cut_back(path, &marks)?;
-                (logs, Columns::of_log(&path.join(PROGRESS))?, Columns::of_log(&path.join(PLASTICITY))?)
+                (logs, LogColumns::of_run(path)?)
             }
         };
         let dir = Self {
             path: path.to_owned(),
             manifest,
             logs,
-            progress_columns,
-            plasticity_columns,
+            columns,
             evaluations,
-            evaluated,
             algorithm: plan.config.algorithm.clone(),
             sensor: plan.config.shared.sensor,
             network,

@@ -7,6 +7,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 
+use super::logs::{PLASTICITY, PROGRESS};
 use crate::agent::{Metrics, Stage};
 
 /// The columns of a log: those of its first row.
@@ -42,6 +43,24 @@ impl Columns {
         let cell = |column: &String| cells.iter().find(|(name, _)| name == column).map_or("NaN", |(_, cell)| cell);
         csv.write_record(columns.iter().map(cell))?;
         Ok(csv.into_inner()?)
+    }
+}
+
+/// The columns of every log of a run.
+#[derive(Debug, Default)]
+pub(super) struct LogColumns {
+    pub progress: Columns,
+    pub plasticity: Columns,
+}
+
+impl LogColumns {
+    /// Those that the logs of a run begin with.
+    ///
+    /// # Errors
+    /// A header that cannot be read.
+    pub(super) fn of_run(run: &Path) -> Result<Self> {
+        let of = |name| Columns::of_log(&run.join(name));
+        Ok(Self { progress: of(PROGRESS)?, plasticity: of(PLASTICITY)? })
     }
 }
 

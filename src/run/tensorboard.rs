@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::manifest::Manifest;
 use crate::measure::probe::Measurement;
-use crate::results::LevelResult;
+use crate::results::{LevelResult, Policy, mean_std};
 
 /// The metrics of the HParams tab, which every run has.
 const METRICS: [&str; 2] = ["rollout/ep_rew_mean", "evaluation/mean_return"];
@@ -58,15 +58,36 @@ pub(super) fn plasticity(cumulative: u64, measurement: &Measurement) -> Vec<u8> 
     [scalars, event_file::histograms(cumulative, now, &distributions)].concat()
 }
 
-/// Evaluations of all levels: of each one's mean return, the share of start cells solved, and the mean over the levels.
-pub(super) fn evaluation(cumulative: u64, results: &[LevelResult]) -> Vec<u8> {
-    let of_level = |result: &LevelResult| {
-        let tag = |what: &str| format!("evaluation/level-{}/{what}", result.level);
+/// Evaluations after a stage, of all levels: of each one's mean return, the share of start cells solved, and the mean over the
+/// levels; those of the sampled policy likewise.
+pub(super) fn evaluation(cumulative: u64, results: &[(Policy, LevelResult)]) -> Vec<u8> {
+    let over_levels = |policy: Policy| {
+        let means: Vec<f64> = results.iter().filter(|(of, _)| *of == policy).map(|(_, result)| result.mean).collect();
+        (format!("evaluation/{}mean_return", prefix(policy)), mean_std(&means).0)
+    };
+    let mut values = Policy::ALL.map(over_levels).to_vec();
+    values.extend(of_levels("evaluation", results));
+    scalars(cumulative, &values)
+}
+
+/// Mean return and share of start cells solved of each level, below this tag.
+fn of_levels(below: &str, results: &[(Policy, LevelResult)]) -> Vec<(String, f64)> {
+    let of_level = |(policy, result): &(Policy, LevelResult)| {
+        let tag = |what: &str| format!("{below}/level-{}/{}{what}", result.level, prefix(*policy));
         [(tag("mean_return"), result.mean), (tag("solved_share"), result.solved_share)]
     };
-    let mean = results.iter().map(|result| result.mean).sum::<f64>() / results.len() as f64;
-    let all = [("evaluation/mean_return".to_owned(), mean)];
-    let values: Vec<(String, f64)> = all.into_iter().chain(results.iter().flat_map(of_level)).collect();
+    results.iter().flat_map(of_level).collect()
+}
+
+/// What stands before a number's name.
+fn prefix(policy: Policy) -> &'static str {
+    match policy {
+        Policy::Greedy => "",
+        Policy::Sampled => "sampled_",
+    }
+}
+
+fn scalars(cumulative: u64, values: &[(String, f64)]) -> Vec<u8> {
     let values: Vec<(&str, f64)> = values.iter().map(|(name, value)| (name.as_str(), *value)).collect();
     event_file::scalars(cumulative, wall_time(), &values)
 }

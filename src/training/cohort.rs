@@ -4,15 +4,13 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use anyhow::{Error, Result, anyhow};
 
+use super::evaluation;
 use super::saving::SinceSaved;
 use super::{Event, Experiment, FinishedRun, Link, Outcome};
-use crate::agent::network::Network;
 use crate::agent::snapshot::Snapshot;
 use crate::agent::state::AgentState;
 use crate::agent::{self, Metrics, Stage};
-use crate::evaluate::{self, Choose, Starts};
 use crate::measure::probe::{Measurement, Monitor};
-use crate::results::LevelResult;
 use crate::run::evaluations::Phase;
 use crate::run::{Opened, RunDir, Standing};
 
@@ -185,8 +183,10 @@ impl Cohort<'_> {
             if !run.dir.evaluations().is_empty() {
                 return Ok(());
             }
-            let results = evaluate_all(experiment, &network, &run.agent);
-            run.dir.evaluated(Phase::Before, run.dir.stages_done(), run.agent.counters.timesteps, &results)
+            let (config, levels) = (&experiment.config, &experiment.curriculum.levels);
+            let stage = run.dir.stages_done();
+            let results = evaluation::of_agent(config, &network, &run.agent, stage, levels);
+            run.dir.evaluated(Phase::Before, stage, run.agent.counters.timesteps, &results)
         });
         let (first, _, horizon) = self.runs[0].place();
         for stage in &self.experiment.curriculum.stages[usize::from(first)..] {
@@ -200,7 +200,8 @@ impl Cohort<'_> {
                 return Stopped::BySignal;
             }
             self.each(|experiment, link, run| {
-                let results = evaluate_all(experiment, &network, &run.agent);
+                let (config, levels) = (&experiment.config, &experiment.curriculum.levels);
+                let results = evaluation::of_agent(config, &network, &run.agent, stage.index, levels);
                 run.dir.evaluated(Phase::After, stage.index, run.agent.counters.timesteps, &results)?;
                 run.dir.finish_stage(&stage, &run.agent)?;
                 link.tell(Event::StageDone { seed: run.seed, stage: stage.index });
@@ -291,16 +292,6 @@ impl Cohort<'_> {
         }
         outcome
     }
-}
-
-/// Every level, every start cell, the greedy policy.
-fn evaluate_all(experiment: &Experiment, network: &Network, agent: &AgentState) -> Vec<LevelResult> {
-    let (max_steps, sensor) = (experiment.config.shared.max_steps, experiment.config.shared.sensor);
-    let of_level = |level| {
-        let choose = &mut Choose::Greedy;
-        evaluate::network(network, sensor, &agent.parameters, level, max_steps, Starts::Exhaustive, choose)
-    };
-    experiment.curriculum.levels.iter().map(of_level).collect()
 }
 
 /// Refuses a row in which the loss, the gradient or the weights are no numbers any more; `updates` were made before it.

@@ -2,6 +2,7 @@
 //! experiment, on as many threads as there are jobs.
 
 mod cohort;
+mod evaluation;
 pub mod progress;
 mod queue;
 pub mod saving;

@@ -391,6 +391,28 @@ fn differences_on_several_levels_are_read_together() {
     assert_eq!(over.area.as_ref().and_then(|area| area.p_value), Some(p), "one level alone is one contrast");
 }
 
+/// An agent that loses a chance on a level to come: greedy returns lie on the floor before and after.
+#[test]
+fn sampled_returns_show_harm_that_greedy_ones_hide() {
+    let sampled = |stage: Option<usize>, level| match stage {
+        Some(stage) if stage < level => Skill::Lost,
+        _ => Skill::Perfect,
+    };
+    let analysis = analysis(&[Fake { sampled: Some(sampled), ..CURRICULUM }, Fake { seed: 1, ..CURRICULUM }]);
+    let continual = Continual::new(&analysis);
+    let continual = continual.arms[0].as_ref().expect("measures");
+    let of = |measure: &str| continual.get(measure).expect("measured");
+    assert_near(of("forward transfer").mean.value, 0.0, 1e-12);
+    assert_near(of("sampled forward transfer").mean.value, -1.0, 1e-12);
+    assert_eq!((of("forward transfer").seeds.len(), of("sampled forward transfer").seeds.len()), (2, 1));
+    let values = analysis.seed_values.iter().filter(|value| value.measure == "sampled_return" && value.level == 1);
+    let values: Vec<(u64, Option<u16>, f64)> = values.map(|v| (v.seed, v.stage, v.value)).collect();
+    let best = crate::fakes::optimum("b").mean;
+    assert_eq!(values, [(0, None, best), (0, Some(0), -20.0), (0, Some(1), best)]);
+    let table = table(&analysis, "continual-learning", Format::Csv);
+    assert!(table.starts_with("arm,seeds,") && table.contains("sampled forward transfer,"), "{table}");
+}
+
 #[test]
 fn a_report_is_written_as_files() {
     let root = TempDir::new().expect("a folder");
@@ -404,6 +426,7 @@ fn a_report_is_written_as_files() {
     let text = |name: &str| fs::read_to_string(out.join(name)).expect("the file is there");
     let seeds = text("seeds.csv");
     assert!(seeds.starts_with("arm,sequence,treatment,seed,stage,level,measure,value\n"), "{seeds}");
+    assert!(!seeds.contains("sampled_") && !text("tables/continual-learning.csv").contains("sampled"));
     for row in ["ppo,curriculum,,1,,a,return,-20", "ppo,curriculum,,0,1,b,timesteps,1000"] {
         assert!(seeds.lines().any(|line| line == row), "{row} is not in\n{seeds}");
     }

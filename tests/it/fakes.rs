@@ -40,6 +40,8 @@ pub(crate) struct Fake {
     pub(crate) timesteps: u64,
     /// In the evaluation after a stage (none: before the first) on a level, both by number.
     pub(crate) skill: fn(Option<usize>, usize) -> Skill,
+    /// The same of the sampled policy; none of a run of version 0.1.0.
+    pub(crate) sampled: Option<fn(Option<usize>, usize) -> Skill>,
     /// The normalised moving return at a share of a stage, given its level's name.
     pub(crate) curve: fn(&str, f64) -> f64,
     /// How it stands, given whether all stages are done.
@@ -61,6 +63,7 @@ pub(crate) const CURRICULUM: Fake = Fake {
     timesteps: TIMESTEPS,
     // What was trained last is known, and nothing else.
     skill: |stage, level| if stage == Some(level) { Skill::Perfect } else { Skill::Lost },
+    sampled: None,
     curve: |_, share| share,
     status: |finished| if finished { Status::Finished } else { Status::Running },
     commit: "abc",
@@ -146,19 +149,26 @@ impl Fake {
 
     /// Evaluations before the first stage and after every stage, finished or not.
     fn evaluations(&self) -> String {
-        let mut text = "phase,stage,level,start,return,length,solved\n".to_owned();
+        let columns = if self.sampled.is_some() { ",policy" } else { "" };
+        let mut text = format!("phase,stage,level,start,return,length,solved{columns}\n");
+        let policies: Vec<_> = match self.sampled {
+            Some(sampled) => vec![(self.skill, ",greedy"), (sampled, ",sampled")],
+            None => vec![(self.skill, "")],
+        };
         let times = [None].into_iter().chain((0..self.levels.len()).map(Some));
         for stage in times {
-            for (number, name) in self.levels.iter().enumerate() {
+            for ((skill, policy), (number, name)) in
+                policies.iter().flat_map(|policy| self.levels.iter().enumerate().map(move |level| (policy, level)))
+            {
                 let phase = if stage.is_some() { "after" } else { "before" };
                 let limit = max_steps(name);
                 for best in optimum(name).episodes {
-                    let (return_, length, solved) = match (self.skill)(stage, number) {
+                    let (return_, length, solved) = match skill(stage, number) {
                         Skill::Perfect => (best.return_, best.length, true),
                         Skill::Lost => (-i64::from(limit), limit, false),
                     };
                     let (stage, [row, column]) = (stage.unwrap_or(0), best.start);
-                    writeln!(text, "{phase},{stage},{name},{row} {column},{return_},{length},{solved}")
+                    writeln!(text, "{phase},{stage},{name},{row} {column},{return_},{length},{solved}{policy}")
                         .expect("memory");
                 }
             }

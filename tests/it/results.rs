@@ -129,7 +129,8 @@ fn runs_stages_and_checkpoints_are_evaluated() {
         for episode in level["episodes"].as_array().expect("episodes") {
             let [row, column] = [&episode["start"][0], &episode["start"][1]];
             let (name, length) = (level["level"].as_str().expect("a name"), &episode["length"]);
-            let line = format!("after,0,{name},{row} {column},{},{length},{}", episode["return"], episode["solved"]);
+            let line =
+                format!("after,0,{name},{row} {column},{},{length},{},greedy", episode["return"], episode["solved"]);
             assert!(rows.lines().any(|row| row == line), "{line} is not in\n{rows}");
         }
     }

@@ -54,7 +54,7 @@ fn evaluations_cover_every_start_before_the_first_stage_and_after_each() {
     let sandbox = Sandbox::new();
     sandbox.succeeds(CURRICULUM);
     let text = sandbox.run("curriculum/ppo/curriculum/seed-0").text("evaluations.csv");
-    assert_eq!(text.lines().next(), Some("phase,stage,level,start,return,length,solved"));
+    assert_eq!(text.lines().next(), Some("phase,stage,level,start,return,length,solved,policy"));
     let starts = |path: &str| {
         let list = sandbox.json(&format!("baseline astar --levels {path}"))["levels"][0]["episodes"].clone();
         let start = |episode: &Value| format!("{} {}", episode["start"][0], episode["start"][1]);
@@ -63,12 +63,17 @@ fn evaluations_cover_every_start_before_the_first_stage_and_after_each() {
     let levels = [("a", starts("a.yaml")), ("b", starts("b.yaml"))];
     let mut expected = Vec::new();
     for (phase, stage) in [("before", 0), ("after", 0), ("after", 1)] {
-        for (level, starts) in &levels {
-            expected.extend(starts.iter().map(|start| format!("{phase},{stage},{level},{start}")));
+        for policy in ["greedy", "sampled"] {
+            for (level, starts) in &levels {
+                expected.extend(starts.iter().map(|start| format!("{phase},{stage},{level},{start},{policy}")));
+            }
         }
     }
-    let first_four = |line: &str| line.split(',').take(4).collect::<Vec<_>>().join(",");
-    assert_eq!(text.lines().skip(1).map(first_four).collect::<Vec<_>>(), expected);
+    let place = |line: &str| {
+        let cells: Vec<&str> = line.split(',').collect();
+        [&cells[..4], &cells[7..]].concat().join(",")
+    };
+    assert_eq!(text.lines().skip(1).map(place).collect::<Vec<_>>(), expected);
 }
 
 #[test]
@@ -274,4 +279,25 @@ fn a_file_that_cannot_grow_is_an_error() {
     assert!(stderr.contains("cannot write") && !stderr.contains("panicked"), "{stderr}");
     let left = sandbox.run("train/ppo/level-a/seed-0").files();
     assert!(!left.iter().any(|file| file.ends_with(".partial")), "{left:?}");
+}
+
+/// Its file goes on with the columns that it has: a snapshot says how it begins.
+#[test]
+fn a_run_of_an_earlier_version_goes_on_with_greedy_evaluations() {
+    let sandbox = Sandbox::new();
+    let command = "curriculum --config ppo.yaml --levels a.yaml,b.yaml";
+    sandbox.succeeds(command);
+    let run = sandbox.run("curriculum/ppo/curriculum/seed-0");
+    let text = run.text("evaluations.csv");
+    let old = |text: &str| {
+        let lines = text.lines().filter(|line| !line.ends_with(",sampled"));
+        lines.map(|line| line.rsplit_once(',').expect("columns").0.to_owned() + "\n").collect::<String>()
+    };
+    let first = old(text.split("after,1,").next().expect("the beginning"));
+    fs::write(run.0.join("evaluations.csv"), &first).expect("writable");
+    let mark = json!({ "bytes": first.len(), "crc": crc32fast::hash(first.as_bytes()) });
+    run.unfinish(1);
+    run.rewrite_manifest(|manifest| manifest["marks"][0]["evaluations.csv"] = mark);
+    sandbox.succeeds(&format!("{command} --resume"));
+    assert_eq!(run.text("evaluations.csv"), old(&text));
 }

@@ -37,7 +37,7 @@ class Runs(NamedTuple):
     plasticity: pd.DataFrame
     """A row for each measurement of plasticity."""
     evaluations: pd.DataFrame
-    """A row for each evaluated episode."""
+    """A row for each evaluated episode of the ``policy`` ``greedy`` or ``sampled``."""
     settings: pd.DataFrame
     """A row for each run: its ``state`` (``finished``, ``running`` …) and its settings."""
 
@@ -60,6 +60,9 @@ def load_runs(folder: str | os.PathLike[str]) -> Runs:
     if not settings:
         raise FileNotFoundError(f"there is no run in or below {folder}; pass the folder that cpp-rl was given as --out")
     none = pandas.DataFrame(columns=list(KEYS))
+    for rows in frames["evaluations"]:
+        if "policy" not in rows:  # a run of version 0.1.0
+            rows["policy"] = "greedy"
     tables = {name: pandas.concat(found, ignore_index=True) if found else none for name, found in frames.items()}
     return Runs(**tables, settings=pandas.DataFrame(settings))
 

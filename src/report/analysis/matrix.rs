@@ -48,6 +48,8 @@ pub struct MatrixCell {
     pub seeds: BTreeMap<u64, f64>,
     /// Each seed's normalised mean; empty where the optimum is unknown.
     pub normalised_seeds: BTreeMap<u64, f64>,
+    /// The same of the sampled policy; empty also where runs of earlier versions did not sample.
+    pub sampled_normalised_seeds: BTreeMap<u64, f64>,
 }
 
 impl Matrix {
@@ -95,6 +97,11 @@ impl MatrixCell {
             normalised: (!normalised.is_empty()).then(|| mean_std(&normalised).0),
             seeds,
             normalised_seeds,
+            sampled_normalised_seeds: group
+                .runs
+                .iter()
+                .filter_map(|run| Some((run.manifest.seed, run.sampled.get(&key)?.normalised?)))
+                .collect(),
         })
     }
 }

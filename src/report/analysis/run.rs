@@ -10,7 +10,7 @@ use super::found::Found;
 use super::levels::LevelInfo;
 use super::logs::Logs;
 use crate::experiment::curriculum::LEVEL;
-use crate::results::{Episode, LevelResult};
+use crate::results::{Episode, LevelResult, Policy};
 use crate::run::evaluations::{self, Phase, Row};
 use crate::run::manifest::{Manifest, Status, Versions};
 
@@ -29,8 +29,10 @@ pub(super) struct Run {
     pub(super) path: PathBuf,
     pub(super) manifest: Manifest,
     pub(super) protocol: Protocol,
-    /// By stage (none before the first) and level; finished stages only.
+    /// Of the greedy policy, by stage (none before the first) and level; finished stages only.
     pub(super) evaluations: BTreeMap<(Option<u16>, String), Evaluated>,
+    /// The same of the sampled policy; runs of earlier versions have none.
+    pub(super) sampled: BTreeMap<(Option<u16>, String), Evaluated>,
     pub(super) logs: Logs,
 }
 
@@ -59,7 +61,15 @@ impl Run {
         let protocol =
             if manifest.curriculum.starts_with(LEVEL) { Protocol::FromScratch } else { Protocol::Curriculum };
         let logs = Logs::read(&path, &manifest.stages, levels)?;
-        Ok(Self { evaluations: reduce(rows, levels), logs, protocol, path, manifest })
+        let (greedy, sampled) = rows.into_iter().partition(|row| row.policy == Policy::Greedy);
+        Ok(Self {
+            evaluations: reduce(greedy, levels),
+            sampled: reduce(sampled, levels),
+            logs,
+            protocol,
+            path,
+            manifest,
+        })
     }
 
     /// The number of the stage on this level, if it is done.
@@ -163,7 +173,7 @@ impl Evaluated {
             mean: result.mean,
             std: result.std,
             solved_share: result.solved_share,
-            length: all.iter().map(|e| f64::from(e.length)).sum::<f64>() / all.len() as f64,
+            length: result.length(),
             normalised: level.and_then(|level| level.normalised(result.mean)),
             steps: ratio(&all),
             steps_solved: ratio(&solved),

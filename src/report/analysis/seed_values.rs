@@ -56,6 +56,12 @@ fn of_run(arm: usize, run: &Run, levels: &[LevelInfo], all: &mut Vec<SeedValue>)
             push(*stage, level, Cow::Borrowed(measure), value);
         }
     }
+    for ((stage, level), evaluated) in &run.sampled {
+        let Some(&level) = place.get(level.as_str()) else { continue };
+        for (measure, value) in of_evaluation(evaluated) {
+            push(*stage, level, Cow::Owned(format!("sampled_{measure}")), value);
+        }
+    }
     let done = usize::from(run.manifest.stages_done);
     for (number, stage) in run.manifest.stages.iter().enumerate().take(done) {
         let Some(&level) = place.get(stage.level.as_str()) else { continue };

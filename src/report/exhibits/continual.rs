@@ -16,8 +16,9 @@ use super::from_scratch::{TRANSFER_BY_AREAS, transfer_by_areas};
 use super::parts::caption;
 use super::parts::notes::{columns, interval_note, percentile_note};
 use super::parts::style::{level_label, point, style};
-use crate::report::analysis::{Analysis, Arm, Matrix, MatrixRow, OverSeeds};
+use crate::report::analysis::{Analysis, Arm, Matrix, MatrixCell, MatrixRow, OverSeeds};
 use crate::report::table::{Cell, Table};
+use crate::results::Policy;
 
 /// The section of docs/metrics.md, and the name of the main table and figure.
 const PLACE: &str = "continual-learning";
@@ -38,6 +39,8 @@ pub struct Measure {
     pub source: &'static str,
     /// Whether it is a change, of which 0 says that nothing has happened.
     pub is_change: bool,
+    /// Whose returns it is of. The sampled policy's have a place only where runs have them.
+    pub policy: Policy,
     /// Its value; none where it has none, as with a single stage.
     pub of: fn(&ReturnMatrix) -> Option<f64>,
 }
@@ -50,13 +53,14 @@ impl Measure {
 }
 
 /// Every measure, in the order of tables and figures.
-pub const MEASURES: [Measure; 6] = [
+pub const MEASURES: [Measure; 7] = [
     Measure {
         name: "average performance",
         formula: "(1/T) Σⱼ R[T, j]",
         meaning: "mean normalised return on all levels at the end",
         source: "Lopez-Paz & Ranzato 2017 (ACC)",
         is_change: false,
+        policy: Policy::Greedy,
         of: ReturnMatrix::average_performance,
     },
     Measure {
@@ -65,6 +69,7 @@ pub const MEASURES: [Measure; 6] = [
         meaning: "mean change on a level from the end of its own stage to the end of all; below 0 is forgetting",
         source: "Lopez-Paz & Ranzato 2017 (BWT)",
         is_change: true,
+        policy: Policy::Greedy,
         of: ReturnMatrix::backward_transfer,
     },
     Measure {
@@ -73,6 +78,16 @@ pub const MEASURES: [Measure; 6] = [
         meaning: "mean return on a level right before training on it, minus the untrained model's",
         source: "Lopez-Paz & Ranzato 2017 (FWT)",
         is_change: true,
+        policy: Policy::Greedy,
+        of: ReturnMatrix::forward_transfer,
+    },
+    Measure {
+        name: "sampled forward transfer",
+        formula: "the same of the sampled policy",
+        meaning: "it shows harm where greedy returns lie on the floor of the worst return anyway",
+        source: "as above",
+        is_change: true,
+        policy: Policy::Sampled,
         of: ReturnMatrix::forward_transfer,
     },
     Measure {
@@ -81,6 +96,7 @@ pub const MEASURES: [Measure; 6] = [
         meaning: "mean loss on a level from the end of its own stage to the end of all",
         source: "Wołczyk et al. 2021 (Continual World), with R̂ in place of the success rate",
         is_change: true,
+        policy: Policy::Greedy,
         of: ReturnMatrix::mean_forgetting,
     },
     Measure {
@@ -89,6 +105,7 @@ pub const MEASURES: [Measure; 6] = [
         meaning: "what one stage destroys of an earlier level",
         source: "Powers et al. 2022 (CORA)",
         is_change: true,
+        policy: Policy::Greedy,
         of: |returns| mean_entry(&returns.isolated_forgetting(&ones(returns))),
     },
     Measure {
@@ -97,6 +114,7 @@ pub const MEASURES: [Measure; 6] = [
         meaning: "what one stage gives to a later level",
         source: "Powers et al. 2022 (CORA)",
         is_change: true,
+        policy: Policy::Greedy,
         of: |returns| mean_entry(&returns.zero_shot_transfer(&ones(returns))),
     },
 ];
@@ -137,6 +155,13 @@ impl Continual {
         Self { arms: analysis.arms.iter().enumerate().map(of_arm).collect() }
     }
 
+    /// The measures that have a place in tables and figures, and their places in [`MEASURES`].
+    fn shown(&self) -> impl Iterator<Item = (usize, &'static Measure)> {
+        let is_there = |place: usize| self.measured().any(|(_, measured)| measured.values[place].is_some());
+        let shown = move |(place, measure): &(usize, &Measure)| measure.policy == Policy::Greedy || is_there(*place);
+        const { &MEASURES }.iter().enumerate().filter(shown)
+    }
+
     /// The arms that have measures, by their indices.
     fn measured(&self) -> impl Iterator<Item = (usize, &Measured)> {
         self.arms.iter().enumerate().filter_map(|(index, measured)| Some((index, measured.as_ref()?)))
@@ -145,15 +170,19 @@ impl Continual {
 
 impl Measured {
     fn new(analysis: &Analysis, arm: usize, matrix: &Matrix) -> Option<Self> {
-        let matrices = seed_matrices(matrix);
+        let matrices = seed_matrices(matrix, |cell| &cell.normalised_seeds);
+        let sampled = seed_matrices(matrix, |cell| &cell.sampled_normalised_seeds);
         let stages = matrix.rows.len().saturating_sub(1);
-        let over_seeds = |of: &dyn Fn(&ReturnMatrix) -> Option<f64>| {
+        let over_seeds = |policy: Policy, of: &dyn Fn(&ReturnMatrix) -> Option<f64>| {
+            let matrices = if policy == Policy::Greedy { &matrices } else { &sampled };
             let seeds = matrices.iter().filter_map(|(&seed, returns)| Some((seed, of(returns)?))).collect();
             OverSeeds::new(seeds, &analysis.conventions.bootstrap)
         };
         (!matrices.is_empty()).then(|| Self {
-            values: MEASURES.iter().map(|measure| over_seeds(&measure.of)).collect(),
-            forgetting_by_stage: (0..stages).map(|stage| over_seeds(&|r| Some(r.forgetting()[stage]))).collect(),
+            values: MEASURES.iter().map(|measure| over_seeds(measure.policy, &measure.of)).collect(),
+            forgetting_by_stage: (0..stages)
+                .map(|stage| over_seeds(Policy::Greedy, &|r| Some(r.forgetting()[stage])))
+                .collect(),
             transfer_by_areas: transfer_by_areas(analysis, arm),
         })
     }
@@ -174,15 +203,15 @@ impl Measured {
     }
 }
 
-/// The whole normalised matrices, by seed: a column per stage, so that a level that comes again has several.
-fn seed_matrices(matrix: &Matrix) -> BTreeMap<u64, ReturnMatrix> {
+/// The whole matrices of these normalised returns, by seed: a column per stage, so that a level that comes again has several.
+fn seed_matrices(matrix: &Matrix, returns: fn(&MatrixCell) -> &BTreeMap<u64, f64>) -> BTreeMap<u64, ReturnMatrix> {
     let Some((before, after)) = matrix.rows.split_first() else { return BTreeMap::new() };
     let of_stage = |row: &MatrixRow| matrix.levels.iter().position(|level| Some(*level) == row.after.map(|s| s.level));
     let Some(columns) = after.iter().map(of_stage).collect::<Option<Vec<usize>>>() else { return BTreeMap::new() };
     let last = after.last().and_then(|row| row.cells.first()?.as_ref());
     let of_seed = |&seed: &u64| {
         let row = |row: &MatrixRow| -> Option<Vec<f64>> {
-            let cell = |&column: &usize| row.cells[column].as_ref()?.normalised_seeds.get(&seed).copied();
+            let cell = |&column: &usize| returns(row.cells[column].as_ref()?).get(&seed).copied();
             columns.iter().map(cell).collect()
         };
         let returns = ReturnMatrix::new(row(before)?, after.iter().map(row).collect::<Option<_>>()?);
@@ -249,13 +278,17 @@ impl Continual {
     fn measures_table(&self, analysis: &Analysis) -> Table {
         let row = |(arm, measured): (usize, &Measured)| {
             let seeds = measured.seeds();
-            let cell = |value: &Option<OverSeeds>| Cell::estimate(value.as_ref().map(|value| &value.mean), 3);
+            let cell = |(place, _): (usize, _)| {
+                let value = measured.values[place].as_ref();
+                let own = value.map_or(0, |value| value.seeds.len());
+                Cell::estimate(value.map(|value| &value.mean), 3).of_seeds(own, seeds)
+            };
             let areas = measured.transfer_by_areas.as_ref();
             let areas = Cell::estimate(areas, 3).of_seeds(areas.map_or(0, |areas| areas.runs), seeds);
             let fixed = [analysis.arms[arm].name.as_str().into(), Cell::count(seeds)];
-            fixed.into_iter().chain(measured.values.iter().map(cell)).chain([areas]).collect()
+            fixed.into_iter().chain(self.shown().map(cell)).chain([areas]).collect()
         };
-        let measures = MEASURES.iter().map(|measure| measure.name).chain([TRANSFER_BY_AREAS.name]);
+        let measures = self.shown().map(|(_, measure)| measure.name).chain([TRANSFER_BY_AREAS.name]);
         let notes = vec![
             "Of seeds that have finished all stages. Transfer by areas is of those that have areas on all levels that \
              were also trained from scratch. docs/metrics.md defines the measures."
@@ -323,7 +356,7 @@ impl Continual {
                 about: About::new("Continual learning", "Average performance, transfer and forgetting of each arm."),
                 layout: Layout { width: Width::Page, columns: 3, panel_height: 95.0 },
                 values: Axis::new("normalised return"),
-                panels: MEASURES.iter().enumerate().map(panel).collect(),
+                panels: self.shown().map(panel).collect(),
                 ..IntervalChart::default()
             }
             .draw(),
