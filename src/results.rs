@@ -16,6 +16,14 @@ pub enum Policy {
 impl Policy {
     /// Both, in the order of files.
     pub const ALL: [Self; 2] = [Self::Greedy, Self::Sampled];
+
+    /// As files call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Greedy => "greedy",
+            Self::Sampled => "sampled",
+        }
+    }
 }
 
 /// One finished episode.

@@ -18,7 +18,7 @@ from support import cpp_rl
 
 pandas = pytest.importorskip("pandas", reason="the frames are pandas's")
 
-LOGS = ("progress", "plasticity", "evaluations")
+LOGS = ("progress", "plasticity", "evaluations", "learning")
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A curriculum of PPO and a run of DQN, two seeds each."""
     folder = tmp_path_factory.mktemp("runs")
     common = ["--timesteps", "2048", "--seeds", "0,4", "--quiet", "--jobs", "1", "--out", folder / "runs"]
-    cpp_rl("curriculum", "--algo", "ppo", "--levels", "0,1", *common)
+    cpp_rl("curriculum", "--algo", "ppo", "--levels", "0,1", "--evaluate-every", "2048", *common)
     cpp_rl("train", "--algo", "dqn", "--level", "3", "--set", "gamma=0.9", "--plasticity-interval", "0", *common)
     cpp_rl("compare", folder / "runs", "--quiet", "--out", folder / "report")
     return folder

@@ -7,6 +7,7 @@ pub mod curriculum;
 pub mod eval;
 pub mod fork;
 pub mod levels;
+mod midway;
 mod output;
 mod process;
 pub mod runs;
@@ -183,7 +184,12 @@ impl std::str::FromStr for Seeds {
 /// # Errors
 /// The first level that is not there or not valid.
 pub fn parse_levels(spec: &str) -> Result<Vec<Level>> {
-    let mut levels = Vec::new();
+    parse_level_names(spec, "--levels")?.iter().map(|id| Ok(Level::resolve(id)?)).collect()
+}
+
+/// The ids and paths that `flag` names.
+fn parse_level_names(spec: &str, flag: &str) -> Result<Vec<String>> {
+    let mut names = Vec::new();
     for part in spec.split(',').map(str::trim) {
         // A path may hold two dots too ("../my.yaml"): only digits around them make a range.
         let is_range = part.split_once("..").is_some_and(|(from, to)| {
@@ -191,19 +197,16 @@ pub fn parse_levels(spec: &str) -> Result<Vec<Level>> {
             digits(from) && digits(to)
         });
         if part.is_empty() {
-            return Err(UserError::new(format!("--levels: {spec:?} names an empty level; drop a comma")).into());
+            return Err(UserError::new(format!("{flag}: {spec:?} names an empty level; drop a comma")).into());
         }
-        let ids = if is_range {
-            let numbers = parse_numbers(part).map_err(|e| UserError::new(format!("--levels: {e}")))?;
-            numbers.iter().map(u64::to_string).collect()
+        if is_range {
+            let numbers = parse_numbers(part).map_err(|e| UserError::new(format!("{flag}: {e}")))?;
+            names.extend(numbers.iter().map(u64::to_string));
         } else {
-            vec![part.to_owned()]
-        };
-        for id in ids {
-            levels.push(Level::resolve(&id)?);
+            names.push(part.to_owned());
         }
     }
-    Ok(levels)
+    Ok(names)
 }
 
 /// The default folder of a command's experiments.

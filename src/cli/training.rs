@@ -8,6 +8,7 @@ use anyhow::{Result, anyhow};
 use clap::Args;
 use tracing::warn;
 
+use super::midway::MidwayArgs;
 use super::{Seeds, is_of_user, signals};
 use crate::agent::config::{self, Config};
 use crate::agent::engine::{Device, EngineKind, NoEngine};
@@ -63,6 +64,8 @@ pub struct LaunchArgs {
     /// Timesteps between two measurements of plasticity (plasticity.csv); 0 for none. It changes no other result.
     #[arg(long, value_name = "N", default_value_t = 65_536)]
     plasticity_interval: u64,
+    #[command(flatten)]
+    midway: MidwayArgs,
     /// Threads that train [default: one per core].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
@@ -132,7 +135,8 @@ impl LaunchArgs {
     /// An experiment.
     ///
     /// # Errors
-    /// A device that is not there or does not suit the engine, and a network too large for any machine.
+    /// A device that is not there or does not suit the engine, a network too large for any machine, and levels that are not
+    /// there or do not suit the curriculum.
     pub fn experiment(
         &self,
         config: Config,
@@ -142,6 +146,7 @@ impl LaunchArgs {
     ) -> Result<Experiment> {
         curriculum.levels.iter().try_for_each(|level| config.check_size(level)).map_err(UserError::new)?;
         let engine = self.engine(&config)?;
+        let midway = self.midway.of(&curriculum)?;
         Ok(Experiment {
             config,
             curriculum,
@@ -151,6 +156,7 @@ impl LaunchArgs {
             engine,
             resume: self.resume,
             plasticity_interval: self.plasticity_interval,
+            midway,
             saving: self.saving(),
             command: std::env::args().collect(),
         })

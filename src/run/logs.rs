@@ -15,10 +15,12 @@ use super::atomic::{create_directories, sync_directory};
 pub const PROGRESS: &str = "progress.csv";
 /// The log of plasticity.
 pub const PLASTICITY: &str = "plasticity.csv";
+/// The log of evaluations in the midst of stages.
+pub const LEARNING: &str = "learning.csv";
 /// TensorBoard's log. Its name is the same for every start, so that a resumed run goes on in the same file.
 pub(super) const TENSORBOARD: &str = "tb/events.out.tfevents.0.cpp-rl";
 /// Every log of a run; one more needs no more than its name here.
-const NAMES: [&str; 3] = [PROGRESS, PLASTICITY, TENSORBOARD];
+const NAMES: [&str; 4] = [PROGRESS, PLASTICITY, LEARNING, TENSORBOARD];
 
 /// How far files had grown when a state was saved, by their names within the run.
 pub type Marks = BTreeMap<String, Mark>;

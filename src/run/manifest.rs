@@ -64,6 +64,9 @@ pub struct Manifest {
     /// Timesteps between two rows of `plasticity.csv`; 0 for none. It changes nothing else in a run.
     #[serde(default)]
     pub plasticity_interval: u64,
+    /// Timesteps between two evaluations in `learning.csv`; 0 for none. It changes nothing else in a run.
+    #[serde(default)]
+    pub evaluate_every: u64,
     /// Versions of everything that matters.
     pub versions: Versions,
     /// The machine.
@@ -255,6 +258,7 @@ impl Manifest {
             host: Host::here(),
             command: plan.command.to_vec(),
             plasticity_interval: plan.plasticity_interval,
+            evaluate_every: plan.evaluate_every,
             starts: Vec::new(),
             started: now(),
             updated: now(),

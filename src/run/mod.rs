@@ -42,7 +42,7 @@ use crate::results::{LevelResult, Policy};
 use checkpoint::{Checkpoint, Origin};
 use evaluations::{Evaluations, Phase, Row};
 use lock::Lock;
-use logs::{Logs, Marks, PLASTICITY, PROGRESS, TENSORBOARD};
+use logs::{LEARNING, Logs, Marks, PLASTICITY, PROGRESS, TENSORBOARD};
 use manifest::{Manifest, Status};
 use rows::{LogColumns, When};
 use snapshot::SavedSnapshot;
@@ -156,6 +156,24 @@ impl RunDir {
             self.logs.append(TENSORBOARD, &tensorboard::beginning(&self.manifest))?;
         }
         self.logs.append(TENSORBOARD, records)
+    }
+
+    /// Appends rows to `learning.csv`: what both policies earn in the midst of a stage, after `timesteps` of the stage and
+    /// `cumulative` ones of all stages.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn log_learning(
+        &mut self,
+        stage: &Stage,
+        timesteps: u64,
+        cumulative: u64,
+        results: &[(Policy, LevelResult)],
+    ) -> Result<()> {
+        let when = When { timesteps, cumulative, seconds: self.seconds() };
+        let rows = rows::learning(&mut self.columns.learning, stage, when, results)?;
+        self.logs.append(LEARNING, &rows)?;
+        self.tensorboard(&tensorboard::learning(cumulative, results))
     }
 
     /// Writes results of all levels, `stage` stages being done (`Before`) or the stage just trained (`After`), after

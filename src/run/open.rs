@@ -66,6 +66,7 @@ impl RunDir {
             manifest.status = Status::Running;
             manifest.command.clone_from(&start.command);
             manifest.plasticity_interval = plan.plasticity_interval;
+            manifest.evaluate_every = plan.evaluate_every;
             manifest.versions = start.versions.clone();
             manifest.host = start.host.clone();
             manifest.starts.push(start);

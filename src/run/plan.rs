@@ -24,6 +24,8 @@ pub struct Plan<'a> {
     pub device: String,
     /// Timesteps between two measurements of plasticity; 0 for none.
     pub plasticity_interval: u64,
+    /// Timesteps between two evaluations in the midst of a stage; 0 for none.
+    pub evaluate_every: u64,
     /// The command as it was typed.
     pub command: &'a [String],
     /// Whether an existing run is continued.

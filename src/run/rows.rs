@@ -1,5 +1,5 @@
 //! Rows of the logs: `progress.csv` has one per rollout of PPO, or per 2,048 timesteps of DQN; `plasticity.csv` one per
-//! measurement.
+//! measurement, `learning.csv` one per evaluation, level and policy.
 
 use std::fs::File;
 use std::io;
@@ -7,8 +7,9 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 
-use super::logs::{PLASTICITY, PROGRESS};
+use super::logs::{LEARNING, PLASTICITY, PROGRESS};
 use crate::agent::{Metrics, Stage};
+use crate::results::{LevelResult, Policy};
 
 /// The columns of a log: those of its first row.
 ///
@@ -51,6 +52,7 @@ impl Columns {
 pub(super) struct LogColumns {
     pub progress: Columns,
     pub plasticity: Columns,
+    pub learning: Columns,
 }
 
 impl LogColumns {
@@ -60,7 +62,7 @@ impl LogColumns {
     /// A header that cannot be read.
     pub(super) fn of_run(run: &Path) -> Result<Self> {
         let of = |name| Columns::of_log(&run.join(name));
-        Ok(Self { progress: of(PROGRESS)?, plasticity: of(PLASTICITY)? })
+        Ok(Self { progress: of(PROGRESS)?, plasticity: of(PLASTICITY)?, learning: of(LEARNING)? })
     }
 }
 
@@ -111,6 +113,30 @@ pub(super) fn plasticity(
     ];
     let measures = measures.iter().map(|(name, value)| (name.as_str(), value.to_string()));
     columns.row(&place.into_iter().chain(measures).collect::<Vec<_>>())
+}
+
+/// The bytes of the rows of `learning.csv` of one evaluation, after those of the header if there is none yet.
+pub(super) fn learning(
+    columns: &mut Columns,
+    stage: &Stage,
+    when: When,
+    results: &[(Policy, LevelResult)],
+) -> Result<Vec<u8>> {
+    let mut rows = Vec::new();
+    for (policy, result) in results {
+        rows.extend(columns.row(&[
+            ("stage", stage.index.to_string()),
+            ("timesteps", when.timesteps.to_string()),
+            ("cumulative_timesteps", when.cumulative.to_string()),
+            ("level", result.level.clone()),
+            ("policy", policy.name().to_owned()),
+            ("return", result.mean.to_string()),
+            ("return_std", result.std.to_string()),
+            ("solved_share", result.solved_share.to_string()),
+            ("length", result.length().to_string()),
+        ])?);
+    }
+    Ok(rows)
 }
 
 #[cfg(test)]

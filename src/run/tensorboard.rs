@@ -70,6 +70,11 @@ pub(super) fn evaluation(cumulative: u64, results: &[(Policy, LevelResult)]) -> 
     scalars(cumulative, &values)
 }
 
+/// Evaluations in the midst of a stage.
+pub(super) fn learning(cumulative: u64, results: &[(Policy, LevelResult)]) -> Vec<u8> {
+    scalars(cumulative, &of_levels("learning", results))
+}
+
 /// Mean return and share of start cells solved of each level, below this tag.
 fn of_levels(below: &str, results: &[(Policy, LevelResult)]) -> Vec<(String, f64)> {
     let of_level = |(policy, result): &(Policy, LevelResult)| {

@@ -150,6 +150,20 @@ impl Run {
         Ok(())
     }
 
+    /// Evaluates an agent in the midst of a stage.
+    fn evaluate_midway(
+        &mut self,
+        experiment: &Experiment,
+        stage: &Stage,
+        timesteps: u64,
+        agent: &AgentState,
+    ) -> Result<()> {
+        let Experiment { config, midway, .. } = experiment;
+        let network = config.network(&stage.level);
+        let results = evaluation::of_agent(config, &network, agent, stage.index, &midway.levels(stage));
+        self.dir.log_learning(stage, timesteps, self.before + timesteps, &results)
+    }
+
     /// Takes in a measurement of plasticity.
     fn log_plasticity(&mut self, stage: &Stage, timesteps: u64, measurement: &Measurement) -> Result<()> {
         self.dir.log_plasticity(stage, timesteps, self.before + timesteps, measurement)
@@ -242,11 +256,15 @@ impl Cohort<'_> {
             if stop {
                 return Stopped::BySignal;
             }
+            let before = learner.timesteps();
             let measured = monitor.as_ref().and_then(|monitor| monitor.before(&*learner));
             let rows = learner.advance();
             for (s, (run, row)) in self.runs.iter_mut().zip(&rows).enumerate() {
                 run.attempt(link, |run| {
                     run.log(stage, learner.timesteps(), row, link)?;
+                    if experiment.midway.is_due(before, learner.timesteps()) {
+                        run.evaluate_midway(experiment, stage, learner.timesteps(), learner.agents()[s])?;
+                    }
                     let Some(measured) = &measured else { return Ok(()) };
                     let measurement = measured.after(&*learner, s, value(row, "train/grad_norm"));
                     run.log_plasticity(stage, learner.timesteps(), &measurement)

@@ -2,7 +2,7 @@
 //! experiment, on as many threads as there are jobs.
 
 mod cohort;
-mod evaluation;
+pub mod evaluation;
 pub mod progress;
 mod queue;
 pub mod saving;
@@ -21,6 +21,7 @@ use crate::experiment::Curriculum;
 use crate::run::evaluations::Row;
 use crate::run::manifest::Engine;
 use crate::run::{Parents, Plan, RunDir};
+use evaluation::Midway;
 use queue::Queue;
 use saving::{Saving, Stop};
 
@@ -45,6 +46,8 @@ pub struct Experiment {
     pub resume: bool,
     /// Timesteps between two measurements of plasticity; 0 for none.
     pub plasticity_interval: u64,
+    /// Evaluations in the midst of stages.
+    pub midway: Midway,
     /// How often running stages are saved.
     pub saving: Saving,
     /// The command as it was typed, for the manifest.
@@ -257,6 +260,7 @@ impl Experiment {
             engine,
             device: self.engine.device().to_string(),
             plasticity_interval: self.plasticity_interval,
+            evaluate_every: self.midway.every,
             command: &self.command,
             resume: self.resume,
         }
@@ -284,6 +288,7 @@ impl Experiment {
             engine,
             resume: false,
             plasticity_interval: 0,
+            midway: Midway::default(),
             saving: Saving::default(),
             command: Vec::new(),
         }

@@ -133,6 +133,7 @@ impl Fake {
             engine: Engine::Fused,
             device: "cpu".to_owned(),
             plasticity_interval: 0,
+            evaluate_every: 0,
             versions,
             host,
             command: Vec::new(),

@@ -15,6 +15,7 @@ mod faults;
 mod fixtures;
 mod forks;
 mod house;
+mod learning;
 mod limits;
 mod lines;
 mod messages;

@@ -280,24 +280,3 @@ fn a_file_that_cannot_grow_is_an_error() {
     let left = sandbox.run("train/ppo/level-a/seed-0").files();
     assert!(!left.iter().any(|file| file.ends_with(".partial")), "{left:?}");
 }
-
-/// Its file goes on with the columns that it has: a snapshot says how it begins.
-#[test]
-fn a_run_of_an_earlier_version_goes_on_with_greedy_evaluations() {
-    let sandbox = Sandbox::new();
-    let command = "curriculum --config ppo.yaml --levels a.yaml,b.yaml";
-    sandbox.succeeds(command);
-    let run = sandbox.run("curriculum/ppo/curriculum/seed-0");
-    let text = run.text("evaluations.csv");
-    let old = |text: &str| {
-        let lines = text.lines().filter(|line| !line.ends_with(",sampled"));
-        lines.map(|line| line.rsplit_once(',').expect("columns").0.to_owned() + "\n").collect::<String>()
-    };
-    let first = old(text.split("after,1,").next().expect("the beginning"));
-    fs::write(run.0.join("evaluations.csv"), &first).expect("writable");
-    let mark = json!({ "bytes": first.len(), "crc": crc32fast::hash(first.as_bytes()) });
-    run.unfinish(1);
-    run.rewrite_manifest(|manifest| manifest["marks"][0]["evaluations.csv"] = mark);
-    sandbox.succeeds(&format!("{command} --resume"));
-    assert_eq!(run.text("evaluations.csv"), old(&text));
-}

@@ -40,6 +40,8 @@ class Runs(NamedTuple):
     """A row for each evaluated episode of the ``policy`` ``greedy`` or ``sampled``."""
     settings: pd.DataFrame
     """A row for each run: its ``state`` (``finished``, ``running`` …) and its settings."""
+    learning: pd.DataFrame
+    """A row for each policy and level of each evaluation in the midst of a stage (``--evaluate-every``)."""
 
 
 def load_runs(folder: str | os.PathLike[str]) -> Runs:
@@ -48,7 +50,7 @@ def load_runs(folder: str | os.PathLike[str]) -> Runs:
     Raises FileNotFoundError if there is no run, and ValueError for a file that cannot be understood.
     """
     pandas, folder = _pandas(), Path(folder)
-    frames: dict[str, list[Any]] = {name: [] for name in ("progress", "plasticity", "evaluations")}
+    frames: dict[str, list[Any]] = {name: [] for name in ("progress", "plasticity", "evaluations", "learning")}
     settings = []
     for path in sorted(_find(folder, DEPTH)):
         manifest = _manifest(path)

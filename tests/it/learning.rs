@@ -1,0 +1,132 @@
+//! `--evaluate-every`, and the returns of the sampled policy.
+
+use std::fs;
+
+use serde_json::json;
+
+use crate::sandbox::{RunFiles, Sandbox};
+
+/// A row of `learning.csv`.
+#[derive(Clone, Debug, PartialEq)]
+struct Row {
+    stage: u16,
+    timesteps: u64,
+    cumulative: u64,
+    level: String,
+    policy: String,
+    mean: f64,
+}
+
+fn rows(run: &RunFiles) -> Vec<Row> {
+    let text = run.text("learning.csv");
+    let mut lines = text.lines();
+    let header = "stage,timesteps,cumulative_timesteps,level,policy,return,return_std,solved_share,length";
+    assert_eq!(lines.next(), Some(header));
+    let row = |line: &str| {
+        let cells: Vec<&str> = line.split(',').collect();
+        let [stage, timesteps, cumulative, level, policy, mean, std, solved, length] = cells[..] else {
+            panic!("{line}");
+        };
+        let number = |cell: &str| cell.parse::<f64>().expect("a number");
+        assert!(number(std) >= 0.0 && (0.0..=1.0).contains(&number(solved)) && number(length) >= 1.0, "{line}");
+        let whole = |cell: &str| cell.parse::<u64>().expect("a whole number");
+        Row {
+            stage: whole(stage) as u16,
+            timesteps: whole(timesteps),
+            cumulative: whole(cumulative),
+            level: level.to_owned(),
+            policy: policy.to_owned(),
+            mean: number(mean),
+        }
+    };
+    lines.map(row).collect()
+}
+
+#[test]
+fn evaluations_in_the_midst_of_stages_change_nothing_else() {
+    let sandbox = Sandbox::new();
+    for algo in ["ppo", "dqn"] {
+        let command = format!("curriculum --config {algo}.yaml --levels a.yaml,b.yaml --timesteps 5000 --seeds 1");
+        let train = |out: &str, options: &str| {
+            sandbox.succeeds(&format!("{command} --out {out} {options}"));
+            RunFiles(sandbox.path(out).join(algo).join("curriculum/seed-1"))
+        };
+        let without = train("without", "");
+        let with = train("with", "--evaluate-every 1000 --evaluate-levels b,a.yaml --plasticity-interval 0");
+        without.reproducible().assert_same(&with.reproducible());
+        assert_eq!(
+            (&with.manifest()["evaluate_every"], &without.manifest()["evaluate_every"]),
+            (&json!(1000), &json!(0))
+        );
+        assert!(!without.0.join("learning.csv").exists());
+
+        // PPO's updates here have 64 timesteps, and DQN's 2,048; a stage of 5,000 ends at the first at or past it.
+        let expected: &[u64] = if algo == "ppo" { &[1024, 2048, 3008, 4032, 5056] } else { &[2048, 4096, 5000] };
+        let rows = rows(&with);
+        let places: Vec<(u16, u64, &str, &str)> =
+            rows.iter().map(|row| (row.stage, row.timesteps, row.level.as_str(), row.policy.as_str())).collect();
+        let mut wanted = Vec::new();
+        for stage in [0, 1] {
+            for &timesteps in expected {
+                for policy in ["greedy", "sampled"] {
+                    wanted.extend(["b", "a"].map(|level| (stage, timesteps, level, policy)));
+                }
+            }
+        }
+        assert_eq!(places, wanted);
+        let stage_ends = *expected.last().expect("some");
+        assert!(rows.iter().all(|row| row.cumulative == u64::from(row.stage) * stage_ends + row.timesteps));
+        // What is evaluated at the end of a stage is what is evaluated after it.
+        for row in rows.iter().filter(|row| row.timesteps == stage_ends) {
+            let text = with.text("evaluations.csv");
+            let own = text.lines().filter(|line| {
+                line.starts_with(&format!("after,{},{},", row.stage, row.level)) && line.ends_with(&row.policy)
+            });
+            let returns: Vec<f64> =
+                own.map(|line| line.split(',').nth(4).and_then(|cell| cell.parse().ok()).expect("a return")).collect();
+            assert!((returns.iter().sum::<f64>() / returns.len() as f64 - row.mean).abs() < 1e-9, "{row:?}");
+        }
+        // Sampled returns depend neither on the other levels nor on how often agents are evaluated.
+        let alone = train("alone", "--evaluate-every 5000");
+        let is_own = |row: &&Row| [(0, "a"), (1, "b")].contains(&(row.stage, row.level.as_str()));
+        let ends = rows.iter().filter(is_own).filter(|row| row.timesteps == stage_ends).cloned();
+        assert_eq!(self::rows(&alone), ends.collect::<Vec<_>>());
+    }
+}
+
+#[test]
+fn levels_to_evaluate_on_are_checked() {
+    let sandbox = Sandbox::new();
+    let command = "curriculum --config ppo.yaml --levels a.yaml,b.yaml --evaluate-every 64";
+    for (spec, says) in
+        [("a,nowhere", "nowhere"), ("narrow.yaml", "narrow is 2×3"), ("a,,b", "drop a comma"), ("7", "7")]
+    {
+        let error = sandbox.fails(2, &format!("{command} --evaluate-levels {spec}"));
+        assert!(error.contains("--evaluate-levels: ") && error.contains(says), "{error}");
+    }
+    // One that is not trained on is possible.
+    sandbox.succeeds("train --config ppo.yaml --level a.yaml --evaluate-every 64 --evaluate-levels c.yaml");
+    let rows = rows(&sandbox.run("train/ppo/level-a/seed-0"));
+    assert!(rows.len() == 8 && rows.iter().all(|row| row.level == "c"), "{rows:?}");
+}
+
+/// Its file goes on with the columns that it has: a snapshot says how it begins.
+#[test]
+fn a_run_of_an_earlier_version_goes_on_with_greedy_evaluations() {
+    let sandbox = Sandbox::new();
+    let command = "curriculum --config ppo.yaml --levels a.yaml,b.yaml";
+    sandbox.succeeds(command);
+    let run = sandbox.run("curriculum/ppo/curriculum/seed-0");
+    let text = run.text("evaluations.csv");
+    let old = |text: &str| {
+        let lines = text.lines().filter(|line| !line.ends_with(",sampled"));
+        lines.map(|line| line.rsplit_once(',').expect("columns").0.to_owned() + "\n").collect::<String>()
+    };
+    let first = old(text.split("after,1,").next().expect("the beginning"));
+    fs::write(run.0.join("evaluations.csv"), &first).expect("writable");
+    let mark = json!({ "bytes": first.len(), "crc": crc32fast::hash(first.as_bytes()) });
+    run.unfinish(1);
+    run.rewrite_manifest(|manifest| manifest["marks"][0]["evaluations.csv"] = mark);
+    sandbox.succeeds(&format!("{command} --resume"));
+    assert_eq!(run.text("evaluations.csv"), old(&text));
+}
