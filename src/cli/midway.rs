@@ -21,6 +21,10 @@ pub(super) struct MidwayArgs {
     /// Where --evaluate-every evaluates: levels of the training, ids, ranges or paths [default: the level being trained].
     #[arg(long, value_name = "SPEC", requires = "evaluate_every")]
     evaluate_levels: Option<String>,
+    /// Keep each stage's agent with the highest greedy mean return on its level among those that --evaluate-every evaluates
+    /// (checkpoints/best-<stage>.safetensors).
+    #[arg(long, requires = "evaluate_every")]
+    keep_best: bool,
 }
 
 impl MidwayArgs {
@@ -31,7 +35,7 @@ impl MidwayArgs {
     pub(super) fn of(&self, curriculum: &Curriculum) -> Result<Midway> {
         let every = self.evaluate_every.unwrap_or(0);
         let levels = self.evaluate_levels.as_deref().map_or_else(|| Ok(Vec::new()), |spec| levels(spec, curriculum))?;
-        Ok(Midway { every, levels })
+        Ok(Midway { every, levels, keep_best: self.keep_best })
     }
 }
 

@@ -6,10 +6,12 @@
 
 mod agent_file;
 mod atomic;
+mod best;
 pub mod checkpoint;
 mod container;
 pub mod evaluations;
 mod first_agent;
+mod learning;
 pub mod lock;
 pub mod logs;
 pub mod manifest;
@@ -39,6 +41,7 @@ use crate::agent::{Metrics, Stage};
 use crate::dose::StageDose;
 use crate::measure::probe::Measurement;
 use crate::results::{LevelResult, Policy};
+use best::{Best, best_checkpoint};
 use checkpoint::{Checkpoint, Origin};
 use evaluations::{Evaluations, Phase, Row};
 use lock::Lock;
@@ -66,6 +69,7 @@ pub struct RunDir {
     logs: Logs,
     columns: LogColumns,
     evaluations: Evaluations,
+    best: Best,
     algorithm: Box<dyn Algorithm>,
     sensor: &'static dyn Sensor,
     network: Network,
@@ -174,6 +178,20 @@ impl RunDir {
         let rows = rows::learning(&mut self.columns.learning, stage, when, results)?;
         self.logs.append(LEARNING, &rows)?;
         self.tensorboard(&tensorboard::learning(cumulative, results))
+    }
+
+    /// Keeps an agent in the midst of a stage, if none of the stage has had such a greedy `mean` return on its level.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn keep_best(&mut self, stage: &Stage, agent: &AgentState, mean: f64) -> Result<()> {
+        if self.best.is_beaten(stage.index, mean) {
+            let path = best_checkpoint(&self.path, stage.index);
+            let written = self.checkpoint(stage, agent).write(&path);
+            written.with_context(|| format!("cannot write {}", path.display()))?;
+            self.best = Best::new(stage.index, mean);
+        }
+        Ok(())
     }
 
     /// Writes results of all levels, `stage` stages being done (`Before`) or the stage just trained (`After`), after

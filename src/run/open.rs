@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 
+use super::best::Best;
 use super::checkpoint::FileError;
 use super::evaluations::{self, Evaluations};
 use super::lock::Lock;
@@ -78,11 +79,14 @@ impl RunDir {
             _ => Evaluations::beginning(path, evaluated)?,
         };
         let since = (Instant::now(), seconds.unwrap_or(manifest.seconds));
-        let (logs, columns) = match standing {
-            Standing::Finished => (Logs::closed(path), LogColumns::default()),
+        let (logs, columns, best) = match standing {
+            Standing::Finished => (Logs::closed(path), LogColumns::default(), Best::default()),
             _ => {
                 let logs = Logs::cut_back(path, &marks)?;
-                (logs, LogColumns::of_run(path)?)
+                let (best, notice) =
+                    if plan.keep_best { Best::find(path, manifest.stages_done)? } else { Default::default() };
+                notices.extend(notice);
+                (logs, LogColumns::of_run(path)?, best)
             }
         };
         let dir = Self {
@@ -91,6 +95,7 @@ impl RunDir {
             logs,
             columns,
             evaluations,
+            best,
             algorithm: plan.config.algorithm.clone(),
             sensor: plan.config.shared.sensor,
             network,

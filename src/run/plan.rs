@@ -26,6 +26,8 @@ pub struct Plan<'a> {
     pub plasticity_interval: u64,
     /// Timesteps between two evaluations in the midst of a stage; 0 for none.
     pub evaluate_every: u64,
+    /// Whether the best agent of each stage is kept.
+    pub keep_best: bool,
     /// The command as it was typed.
     pub command: &'a [String],
     /// Whether an existing run is continued.

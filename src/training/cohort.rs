@@ -11,6 +11,7 @@ use crate::agent::snapshot::Snapshot;
 use crate::agent::state::AgentState;
 use crate::agent::{self, Metrics, Stage};
 use crate::measure::probe::{Measurement, Monitor};
+use crate::results::{LevelResult, Policy};
 use crate::run::evaluations::Phase;
 use crate::run::{Opened, RunDir, Standing};
 
@@ -150,7 +151,7 @@ impl Run {
         Ok(())
     }
 
-    /// Evaluates an agent in the midst of a stage.
+    /// Evaluates an agent in the midst of a stage, and keeps it if it is the best of the stage so far.
     fn evaluate_midway(
         &mut self,
         experiment: &Experiment,
@@ -161,7 +162,13 @@ impl Run {
         let Experiment { config, midway, .. } = experiment;
         let network = config.network(&stage.level);
         let results = evaluation::of_agent(config, &network, agent, stage.index, &midway.levels(stage));
-        self.dir.log_learning(stage, timesteps, self.before + timesteps, &results)
+        self.dir.log_learning(stage, timesteps, self.before + timesteps, &results)?;
+        let own =
+            |(policy, result): &&(Policy, LevelResult)| *policy == Policy::Greedy && result.level == stage.level.name();
+        match results.iter().find(own).filter(|_| midway.keep_best) {
+            Some((_, result)) => self.dir.keep_best(stage, agent, result.mean),
+            None => Ok(()),
+        }
     }
 
     /// Takes in a measurement of plasticity.

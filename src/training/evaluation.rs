@@ -19,6 +19,8 @@ pub struct Midway {
     pub every: u64,
     /// On which levels; none for the one that is trained on.
     pub levels: Vec<Arc<Level>>,
+    /// Whether the agent of a stage with the highest greedy mean return on its level is kept.
+    pub keep_best: bool,
 }
 
 impl Midway {
@@ -28,9 +30,15 @@ impl Midway {
         self.every > 0 && before / self.every < after / self.every
     }
 
-    /// The levels that an agent is evaluated on in the midst of a stage.
+    /// The levels that an agent is evaluated on in the midst of a stage: those chosen, and the stage's own where the best agent
+    /// on it is wanted.
     pub(super) fn levels(&self, stage: &Stage) -> Vec<Arc<Level>> {
-        if self.levels.is_empty() { vec![stage.level.clone()] } else { self.levels.clone() }
+        let mut levels = self.levels.clone();
+        let has_own = levels.iter().any(|level| level.name() == stage.level.name());
+        if levels.is_empty() || (self.keep_best && !has_own) {
+            levels.push(stage.level.clone());
+        }
+        levels
     }
 }
 

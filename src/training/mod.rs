@@ -261,6 +261,7 @@ impl Experiment {
             device: self.engine.device().to_string(),
             plasticity_interval: self.plasticity_interval,
             evaluate_every: self.midway.every,
+            keep_best: self.midway.keep_best,
             command: &self.command,
             resume: self.resume,
         }

@@ -1,10 +1,16 @@
-//! `--evaluate-every`, and the returns of the sampled policy.
+//! `--evaluate-every`, `--keep-best`, and the returns of the sampled policy.
 
 use std::fs;
+use std::os::unix::process::ExitStatusExt;
 
+use coverage_env::random::below;
+use cpp_rl::random::{Purpose, Stream};
+use cpp_rl::run::checkpoint::Checkpoint;
+use rustix::process::Signal;
 use serde_json::json;
 
 use crate::sandbox::{RunFiles, Sandbox};
+use crate::stops::{Training, command, runs, stop_within};
 
 /// A row of `learning.csv`.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,6 +48,16 @@ fn rows(run: &RunFiles) -> Vec<Row> {
     lines.map(row).collect()
 }
 
+/// The first of the rows of a stage with the highest greedy return on its level.
+fn best_of<'a>(rows: &'a [Row], stage: u16, level: &str) -> &'a Row {
+    let of_stage = rows.iter().filter(|row| row.stage == stage && row.level == level && row.policy == "greedy");
+    of_stage.reduce(|best, row| if row.mean > best.mean { row } else { best }).expect("a row")
+}
+
+fn best(run: &RunFiles, stage: u16) -> Checkpoint {
+    Checkpoint::read(&run.0.join(format!("checkpoints/best-{stage}.safetensors"))).expect("a whole checkpoint")
+}
+
 #[test]
 fn evaluations_in_the_midst_of_stages_change_nothing_else() {
     let sandbox = Sandbox::new();
@@ -52,7 +68,8 @@ fn evaluations_in_the_midst_of_stages_change_nothing_else() {
             RunFiles(sandbox.path(out).join(algo).join("curriculum/seed-1"))
         };
         let without = train("without", "");
-        let with = train("with", "--evaluate-every 1000 --evaluate-levels b,a.yaml --plasticity-interval 0");
+        let with =
+            train("with", "--evaluate-every 1000 --evaluate-levels b,a.yaml --keep-best --plasticity-interval 0");
         without.reproducible().assert_same(&with.reproducible());
         assert_eq!(
             (&with.manifest()["evaluate_every"], &without.manifest()["evaluate_every"]),
@@ -91,6 +108,16 @@ fn evaluations_in_the_midst_of_stages_change_nothing_else() {
         let is_own = |row: &&Row| [(0, "a"), (1, "b")].contains(&(row.stage, row.level.as_str()));
         let ends = rows.iter().filter(is_own).filter(|row| row.timesteps == stage_ends).cloned();
         assert_eq!(self::rows(&alone), ends.collect::<Vec<_>>());
+
+        for (stage, level) in [(0, "a"), (1, "b")] {
+            let row = best_of(&rows, stage, level);
+            let kept = best(&with, stage);
+            assert_eq!(kept.agent.counters.timesteps, row.cumulative);
+            assert_eq!((kept.origin.stage, kept.origin.level.as_deref()), (Some(stage), Some(level)));
+            let file = format!("with/{algo}/curriculum/seed-1/checkpoints/best-{stage}.safetensors");
+            let found = sandbox.json(&format!("eval {file} --levels {level}.yaml --max-steps 20"));
+            assert_eq!(found["levels"][0]["mean"], json!(row.mean));
+        }
     }
 }
 
@@ -104,10 +131,82 @@ fn levels_to_evaluate_on_are_checked() {
         let error = sandbox.fails(2, &format!("{command} --evaluate-levels {spec}"));
         assert!(error.contains("--evaluate-levels: ") && error.contains(says), "{error}");
     }
-    // One that is not trained on is possible.
-    sandbox.succeeds("train --config ppo.yaml --level a.yaml --evaluate-every 64 --evaluate-levels c.yaml");
-    let rows = rows(&sandbox.run("train/ppo/level-a/seed-0"));
-    assert!(rows.len() == 8 && rows.iter().all(|row| row.level == "c"), "{rows:?}");
+    let error = sandbox.fails(2, "train --config ppo.yaml --level a.yaml --keep-best");
+    assert!(error.contains("--evaluate-every"), "{error}");
+    // One that is not trained on is possible; the best agent is that on the level that is trained on.
+    sandbox.succeeds("train --config ppo.yaml --level a.yaml --evaluate-every 64 --evaluate-levels c.yaml --keep-best");
+    let run = sandbox.run("train/ppo/level-a/seed-0");
+    let rows = rows(&run);
+    let levels: Vec<&str> = rows.iter().take(4).map(|row| row.level.as_str()).collect();
+    assert_eq!(levels, ["c", "a", "c", "a"]);
+    assert_eq!(best(&run, 0).agent.counters.timesteps, best_of(&rows, 0, "a").cumulative);
+}
+
+/// The files that `--evaluate-every --keep-best` leaves.
+fn kept(run: &RunFiles) -> Vec<(String, Vec<u8>)> {
+    let names = run.files().into_iter().filter(|name| name.contains("best-") || name == "learning.csv");
+    names.map(|name| (name.clone(), run.bytes(&name))).collect()
+}
+
+/// Whenever a kill comes: between an evaluation and a snapshot, before a stage's first one, after its best agent.
+#[test]
+fn killed_and_resumed_it_keeps_the_same_best_agents() {
+    let mut random = Stream::new(2, 0, Purpose::EvaluationStarts);
+    for (algo, at_most) in [("ppo", 10), ("dqn", 3)] {
+        let sandbox = Sandbox::new();
+        let command = |out| format!("{} --seeds 0..2 --evaluate-every 300 --keep-best", command(algo, out));
+        sandbox.succeeds(&command("whole"));
+        let whole = runs(&sandbox, algo, "whole");
+        assert_eq!(kept(&whole[0]).len(), 4, "{:?}", whole[0].files());
+        for _ in 0..8 {
+            let options = format!("--resume --verbose --jobs {}", 1 + below(&mut random, 2));
+            let mut training = Training::begin(&sandbox, &format!("{} {options}", command("killed")));
+            for _ in 0..=below(&mut random, at_most) {
+                training.next_save_of_any();
+            }
+            training.send(Signal::KILL);
+            assert_eq!(training.output().status.signal(), Some(9), "it ended too early");
+        }
+        sandbox.succeeds(&format!("{} --resume", command("killed")));
+        for (run, whole) in runs(&sandbox, algo, "killed").iter().zip(&whole) {
+            run.reproducible().assert_same(&whole.reproducible());
+            assert!(kept(run) == kept(whole), "{algo}: {:?}", run.files());
+        }
+    }
+}
+
+/// A kill may leave an agent that the log, once cut back, does not know; and somebody may damage or remove one.
+#[test]
+fn a_best_agent_that_the_log_does_not_know_is_made_again() {
+    let sandbox = Sandbox::new();
+    let command = |out: &str| format!("{} --seeds 0 --evaluate-every 300 --keep-best", command("ppo", out));
+    sandbox.succeeds(&command("whole"));
+    let [whole, _] = runs(&sandbox, "ppo", "whole");
+    let damages: [&dyn Fn(&RunFiles); 3] = [
+        // Of a state that is newer than the one that the run goes on from: that of the stage's end.
+        &|run| {
+            let newer = fs::read(whole.0.join("checkpoints/stage-1.safetensors")).expect("a checkpoint");
+            fs::write(run.0.join("checkpoints/best-1.safetensors"), newer).expect("writable");
+        },
+        &|run| fs::write(run.0.join("checkpoints/best-1.safetensors"), "").expect("writable"),
+        &|run| fs::remove_file(run.0.join("checkpoints/best-1.safetensors")).expect("it was kept"),
+    ];
+    for (i, damage) in damages.iter().enumerate() {
+        let out = format!("stopped-{i}");
+        let [run, _] = runs(&sandbox, "ppo", &out);
+        stop_within(&sandbox, &command(&out), &run, Signal::TERM);
+        damage(&run);
+        sandbox.succeeds(&format!("{} --resume", command(&out)));
+        run.reproducible().assert_same(&whole.reproducible());
+        assert_eq!(run.text("learning.csv"), whole.text("learning.csv"));
+        let best_of_stage = best_of(&rows(&run), 1, "b").clone();
+        let found = best(&run, 1);
+        let row = rows(&run)
+            .into_iter()
+            .find(|row| (row.cumulative, row.policy.as_str()) == (found.agent.counters.timesteps, "greedy"));
+        let row = row.expect("the log knows it");
+        assert!(row == best_of_stage || row.timesteps > best_of_stage.timesteps, "{row:?}, {best_of_stage:?}");
+    }
 }
 
 /// Its file goes on with the columns that it has: a snapshot says how it begins.
