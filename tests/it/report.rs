@@ -154,9 +154,9 @@ fn log_plasticity(run: &Fake, path: &Path) {
         for quarter in 0..=4 {
             let cumulative = 1000 * stage + 250 * quarter;
             write!(text, "\n{stage},{level},{},{cumulative}", 250 * quarter).expect("memory");
-            for measure in 0..MEASURES.len() {
+            for (measure, name) in MEASURES.iter().enumerate() {
                 let value = (measure + quarter) as f64 + run.seed as f64 / 8.0;
-                let is_known = quarter != 2 && (quarter > 0 || MEASURES[measure] != "grad_norm");
+                let is_known = quarter != 2 && (quarter > 0 || *name != "grad_norm");
                 let value = if is_known { value } else { f64::NAN };
                 write!(text, ",{value}").expect("memory");
             }
