@@ -90,7 +90,9 @@ impl ForkArgs {
             let last = experiment.curriculum.stages.len() as u16 - 1;
             let of_level = |rows: &[_]| {
                 let levels = experiment.curriculum.levels.iter();
-                levels.filter_map(|level| level_result(rows, Phase::After, last, level.name(), Policy::Greedy)).collect()
+                levels
+                    .filter_map(|level| level_result(rows, Phase::After, last, level.name(), Policy::Greedy))
+                    .collect()
             };
             evaluations.extend(outcome.finished.iter().map(|run| Evaluation {
                 policy: experiment.label(),
