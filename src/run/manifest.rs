@@ -49,7 +49,7 @@ pub struct Manifest {
     pub marks: Vec<Marks>,
     /// Names of the levels it is evaluated on.
     pub levels: Vec<String>,
-    /// What it goes on from, if it is a fork: the stages up to that were its parent's.
+    /// What it goes on from, if it is a fork. Its stages are those of the whole sequence: it trains those after `after` alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fork: Option<ForkEntry>,
     /// Every setting, resolved.
@@ -85,7 +85,7 @@ pub struct Manifest {
 }
 
 /// What a fork goes on from, and how.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ForkEntry {
     /// The parent's directory, as it was given.
     pub parent: String,
@@ -289,9 +289,15 @@ impl Manifest {
         self.marks.clear();
     }
 
-    /// The number of the stage that it began with: 0, or that after the fork.
-    pub fn begins(&self) -> u16 {
-        self.fork.as_ref().map_or(0, |fork| fork.after + 1)
+    /// The number of the first stage that it trains: 0, or of a fork the one after the checkpoint.
+    pub fn first_stage(&self) -> u16 {
+        self.fork.as_ref().map_or(0, |fork| fork.after.saturating_add(1))
+    }
+
+    /// The stages that it trains, with their numbers.
+    pub fn own_stages(&self) -> impl Iterator<Item = (u16, &StageEntry)> {
+        let numbered = self.stages.iter().enumerate().map(|(number, stage)| (number as u16, stage));
+        numbered.skip(usize::from(self.first_stage()))
     }
 
     /// The step limit of its episodes.

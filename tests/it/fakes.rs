@@ -11,7 +11,7 @@ use cpp_rl::evaluate::{self, Starts};
 use cpp_rl::report::Format;
 use cpp_rl::report::analysis::Analysis;
 use cpp_rl::report::exhibits::{self, NamedTable};
-use cpp_rl::run::manifest::{Engine, Host, Manifest, StageEntry, Start, Status, Versions};
+use cpp_rl::run::manifest::{Engine, ForkEntry, Host, Manifest, StageEntry, Start, Status, Versions};
 use serde_json::json;
 use tempfile::TempDir;
 
@@ -52,6 +52,10 @@ pub(crate) struct Fake {
     pub(crate) instruction_set: &'static str,
     /// Timesteps that its schedules span, if it was extended.
     pub(crate) horizon: Option<u64>,
+    /// The name of its sequence, unless it is from scratch.
+    pub(crate) sequence: &'static str,
+    /// The stage after which it goes on, and the treatment's name, if it is a fork.
+    pub(crate) fork: Option<(u16, &'static str)>,
 }
 
 pub(crate) const CURRICULUM: Fake = Fake {
@@ -69,6 +73,8 @@ pub(crate) const CURRICULUM: Fake = Fake {
     commit: "abc",
     instruction_set: "avx2",
     horizon: None,
+    sequence: "curriculum",
+    fork: None,
 };
 
 pub(crate) const FROM_SCRATCH_B: Fake = Fake {
@@ -90,10 +96,24 @@ pub(crate) fn max_steps(level: &str) -> u32 {
 }
 
 impl Fake {
+    fn sequence(&self) -> String {
+        if self.from_scratch { format!("level-{}", self.levels[0]) } else { self.sequence.to_owned() }
+    }
+
     /// Its directory below `root`.
     pub(crate) fn path(&self, root: &Path) -> PathBuf {
-        let folder = if self.from_scratch { format!("level-{}", self.levels[0]) } else { "curriculum".to_owned() };
-        root.join(self.arm).join(folder).join(format!("seed-{}", self.seed))
+        let folder = root.join(self.arm).join(self.sequence()).join(format!("seed-{}", self.seed));
+        match self.fork {
+            Some((after, name)) => {
+                root.join(format!("forks-{after}-{name}")).join(Self { fork: None, ..*self }.path("".as_ref()))
+            }
+            None => folder,
+        }
+    }
+
+    /// The number of the first stage that it trains.
+    fn first(&self) -> usize {
+        self.fork.map_or(0, |(after, _)| usize::from(after) + 1)
     }
 
     pub(crate) fn write(&self, root: &Path) -> PathBuf {
@@ -115,15 +135,22 @@ impl Fake {
             instruction_set: self.instruction_set.to_owned(),
             timesteps: 0,
         };
-        let config = json!({ "name": self.arm, "max_steps": max_steps(self.levels[0]), "timesteps": self.timesteps });
+        let mut config =
+            json!({ "name": self.arm, "max_steps": max_steps(self.levels[0]), "timesteps": self.timesteps });
+        let fork = self.fork.map(|(after, name)| {
+            // A treatment may change settings.
+            config["treated"] = name.into();
+            let parent = Self { fork: None, ..*self }.path(Path::new("elsewhere")).display().to_string();
+            ForkEntry { parent, after, name: name.to_owned(), treatment: serde_json::Map::new() }
+        });
         let finished = usize::from(self.stages_done) == self.levels.len();
         let mut manifest = Manifest {
-            fork: None,
             format: 1,
             status: (self.status)(finished),
             arm: self.arm.to_owned(),
-            curriculum: if self.from_scratch { format!("level-{}", self.levels[0]) } else { "curriculum".to_owned() },
+            curriculum: self.sequence(),
             seed: self.seed,
+            fork,
             stages: self.levels.iter().map(stage).collect(),
             stages_done: self.stages_done,
             marks: Vec::new(),
@@ -156,7 +183,7 @@ impl Fake {
             Some(sampled) => vec![(self.skill, ",greedy"), (sampled, ",sampled")],
             None => vec![(self.skill, "")],
         };
-        let times = [None].into_iter().chain((0..self.levels.len()).map(Some));
+        let times = [None].into_iter().chain((self.first()..self.levels.len()).map(Some));
         for stage in times {
             for ((skill, policy), (number, name)) in
                 policies.iter().flat_map(|policy| self.levels.iter().enumerate().map(move |level| (policy, level)))
@@ -168,7 +195,7 @@ impl Fake {
                         Skill::Perfect => (best.return_, best.length, true),
                         Skill::Lost => (-i64::from(limit), limit, false),
                     };
-                    let (stage, [row, column]) = (stage.unwrap_or(0), best.start);
+                    let (stage, [row, column]) = (stage.unwrap_or(self.first()), best.start);
                     writeln!(text, "{phase},{stage},{name},{row} {column},{return_},{length},{solved}{policy}")
                         .expect("memory");
                 }
@@ -180,7 +207,7 @@ impl Fake {
     /// A row every so many timesteps.
     pub(crate) fn progress(&self, every: u64) -> String {
         let mut text = "stage,level,time/total_timesteps,cumulative_timesteps,rollout/ep_rew_mean\n".to_owned();
-        for (stage, level) in self.levels.iter().enumerate() {
+        for (stage, level) in self.levels.iter().enumerate().skip(self.first()) {
             let (worst, best) = (-f64::from(max_steps(level)), optimum(level).mean);
             for timesteps in (every..=self.timesteps).step_by(every as usize) {
                 let value = worst + (best - worst) * (self.curve)(level, timesteps as f64 / self.timesteps as f64);

@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 use super::bands::Bands;
 use super::curves::{self, Curve, PlasticitySeries};
 use super::ends::{self, PlasticityEnd};
-use super::groups::{ArmStage, Group};
+use super::groups::{ArmStage, Group, Treatment};
 use super::levels::LevelInfo;
 use super::matrix::Matrix;
 use super::outcome::LevelOutcome;
@@ -16,15 +16,21 @@ use super::run::Protocol;
 /// Runs that differ in nothing but their seeds.
 #[derive(Clone, Debug, Serialize)]
 pub struct Arm {
-    /// Unique: the preset's name, `(from scratch)`, and the settings that tell it from namesakes.
+    /// Unique: the preset's name, that of the sequence where it has several, `(from scratch)` or the treatment of forks,
+    /// and the settings that tell it from namesakes.
     pub name: String,
     /// The preset's name.
     pub preset: String,
-    /// Through a curriculum or from scratch.
+    /// Through a curriculum, from scratch, or forks.
     pub protocol: Protocol,
+    /// The name of the sequence that its runs go through; none from scratch.
+    pub sequence: Option<String>,
+    /// What sets forks apart from the runs that they come from; none of others.
+    pub treatment: Option<Treatment>,
     /// Everything that the results depend on beside the seed.
     pub settings: Map<String, Value>,
-    /// In the order of training; for runs from scratch one per level, with `stage` 0 each.
+    /// In the order of training; for runs from scratch one per level, with `stage` 0 each; of forks those after their
+    /// checkpoint.
     pub stages: Vec<ArmStage>,
     /// The seeds that have a run.
     pub seeds: Vec<u64>,
@@ -51,6 +57,8 @@ impl Arm {
             name: group.name.clone(),
             preset: group.preset().to_owned(),
             protocol: group.protocol,
+            sequence: group.sequence.clone(),
+            treatment: group.treatment.clone(),
             settings: group.settings.clone(),
             seeds: group.seeds(),
             curves: curves::learning(group, &stages, &names, bands),

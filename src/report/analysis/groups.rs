@@ -1,6 +1,7 @@
 //! Sorting runs into arms: runs that may be pooled differ in their seeds alone.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -13,6 +14,8 @@ use crate::run::manifest::StageEntry;
 
 /// The setting that names the stages of a curriculum.
 const STAGES: &str = "stages";
+/// The setting that names the treatment of forks.
+const TREATMENT: &str = "treatment";
 
 /// One stage of an arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -34,11 +37,36 @@ pub struct Difference {
     pub values: Vec<Value>,
 }
 
+/// What sets forks apart from the runs that they come from.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+pub struct Treatment {
+    /// The number of the stage after which it begins, from 0.
+    pub after: u16,
+    /// Its name.
+    pub name: String,
+}
+
+impl Treatment {
+    fn of(run: &Run) -> Option<Self> {
+        run.manifest.fork.as_ref().map(|fork| Self { after: fork.after, name: fork.name.clone() })
+    }
+}
+
+impl fmt::Display for Treatment {
+    /// As in `seeds.csv`: `after-0:head-0.02`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "after-{}:{}", self.after, self.name)
+    }
+}
+
 /// Runs that may be pooled.
 pub(super) struct Group<'a> {
     /// Unique.
     pub(super) name: String,
     pub(super) protocol: Protocol,
+    /// The name of the sequence that its runs go through; none from scratch.
+    pub(super) sequence: Option<String>,
+    pub(super) treatment: Option<Treatment>,
     pub(super) settings: Map<String, Value>,
     pub(super) runs: Vec<&'a Run>,
 }
@@ -55,15 +83,16 @@ impl<'a> Group<'a> {
         seeds.into_iter().collect()
     }
 
-    /// Its stages: those of the curriculum, in which a level may come again, or one per level trained on from scratch.
+    /// Its stages: those of the curriculum, in which a level may come again, one per level trained on from scratch, or
+    /// those that forks train.
     pub(super) fn stages(&self, levels: &[LevelInfo]) -> Vec<ArmStage> {
         let index = |name: &str| levels.iter().position(|level| level.name == name);
         let mut stages: Vec<ArmStage> = Vec::new();
         for run in &self.runs {
-            for (stage, entry) in run.manifest.stages.iter().enumerate() {
+            for (stage, entry) in run.manifest.own_stages() {
                 let Some(level) = index(&entry.level) else { continue };
-                if !stages.iter().any(|known| (known.stage, known.level) == (stage as u16, level)) {
-                    stages.push(ArmStage { stage: stage as u16, level, timesteps: entry.timesteps });
+                if !stages.iter().any(|known| (known.stage, known.level) == (stage, level)) {
+                    stages.push(ArmStage { stage, level, timesteps: entry.timesteps });
                 }
             }
         }
@@ -96,26 +125,57 @@ impl Run {
         }
         let stage = |s: &StageEntry| Value::from(format!("{} × {}", s.level, s.timesteps));
         // The from scratch runs of one arm have a stage each, on levels of their own, and belong together.
-        if self.protocol == Protocol::Curriculum {
+        if self.protocol != Protocol::FromScratch {
             settings.insert(STAGES.to_owned(), m.stages.iter().map(stage).collect());
+        }
+        if let Some(treatment) = Treatment::of(self) {
+            settings.insert(TREATMENT.to_owned(), treatment.to_string().into());
         }
         settings
     }
+
+    /// The name of the sequence that it goes through; none from scratch.
+    fn sequence(&self) -> Option<&str> {
+        (self.protocol != Protocol::FromScratch).then_some(self.manifest.curriculum.as_str())
+    }
+
+    /// What its arm is called, unless settings tell it from a namesake: the preset, its sequence where the preset has
+    /// `several`, and the treatment of a fork.
+    fn arm_name(&self, several: bool) -> String {
+        let sequence = self.sequence().filter(|_| several).map_or(String::new(), |sequence| format!(", {sequence}"));
+        let how = match Treatment::of(self) {
+            Some(Treatment { after, name }) => format!(", after {after}: {name}"),
+            None if self.protocol == Protocol::FromScratch => " (from scratch)".to_owned(),
+            None => String::new(),
+        };
+        format!("{}{sequence}{how}", self.manifest.arm)
+    }
 }
 
-/// Sorts runs into arms, in the order of their names; arms of one name are told apart by the settings in which they
-/// differ.
+/// Sorts runs into arms, in the order of their names. Arms that differ in their sequence alone are told apart by its
+/// name, forks by their treatment, and arms that still have one name by the settings in which they differ.
 ///
 /// # Errors
 /// Two runs that are the same seed of the same arm.
 pub(super) fn groups(runs: &[Run]) -> Result<Vec<Group<'_>>, UserError> {
+    let mut sequences: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+    for run in runs {
+        sequences.entry(&run.manifest.arm).or_default().extend(run.sequence());
+    }
     let mut groups: Vec<Group> = Vec::new();
     for run in runs {
-        let from_scratch = if run.protocol == Protocol::Curriculum { "" } else { " (from scratch)" };
-        let (name, settings) = (format!("{}{from_scratch}", run.manifest.arm), run.settings());
+        let several = sequences[run.manifest.arm.as_str()].len() > 1;
+        let (name, settings) = (run.arm_name(several), run.settings());
         match groups.iter_mut().find(|group| group.name == name && group.settings == settings) {
             Some(group) => group.runs.push(run),
-            None => groups.push(Group { name, protocol: run.protocol, settings, runs: vec![run] }),
+            None => groups.push(Group {
+                name,
+                protocol: run.protocol,
+                sequence: run.sequence().map(str::to_owned),
+                treatment: Treatment::of(run),
+                settings,
+                runs: vec![run],
+            }),
         }
     }
     groups.iter().try_for_each(refuse_twins)?;
@@ -164,7 +224,9 @@ pub(super) fn same_but_stages(a: &Map<String, Value>, b: &Map<String, Value>) ->
 
 /// Whether one is a curriculum and the other its runs from scratch.
 pub(super) fn are_counterparts(a: &Group, b: &Group) -> bool {
-    a.protocol != b.protocol && a.preset() == b.preset() && same_but_stages(&a.settings, &b.settings)
+    let protocols = [a.protocol, b.protocol];
+    let are_of_both = protocols.contains(&Protocol::Curriculum) && protocols.contains(&Protocol::FromScratch);
+    are_of_both && a.preset() == b.preset() && same_but_stages(&a.settings, &b.settings)
 }
 
 /// Tells of arms whose runs were made by several versions of cpp-rl, or with several instruction sets.

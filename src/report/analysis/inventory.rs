@@ -19,11 +19,11 @@ pub struct RunInfo {
     pub arm: usize,
     /// Its seed.
     pub seed: u64,
-    /// The levels it trains on, in order.
+    /// The levels it trains on, in order; of a fork those after its checkpoint.
     pub levels: Vec<String>,
-    /// Stages finished.
+    /// Stages finished, of those that it trains.
     pub stages_done: u16,
-    /// Stages in all.
+    /// Stages that it trains.
     pub stages: usize,
     /// How it stands.
     pub status: Status,
@@ -64,13 +64,14 @@ pub(super) fn infos(groups: &[Group]) -> Vec<RunInfo> {
 
 impl RunInfo {
     fn new(arm: usize, run: &Run) -> Self {
+        let (stages_done, stages) = run.stages_done();
         Self {
             path: run.path.clone(),
             arm,
             seed: run.manifest.seed,
-            levels: run.manifest.stages.iter().map(|stage| stage.level.clone()).collect(),
-            stages_done: run.manifest.stages_done,
-            stages: run.manifest.stages.len(),
+            levels: run.manifest.own_stages().map(|(_, stage)| stage.level.clone()).collect(),
+            stages_done,
+            stages,
             status: run.manifest.status.clone(),
             log_rows: run.logs.rows,
             rows_without_return: run.logs.rows_without_return,
@@ -89,10 +90,10 @@ pub(super) fn missing(groups: &[Group], levels: &[LevelInfo]) -> Vec<Missing> {
     let mut missing = Vec::new();
     for (arm, group) in groups.iter().enumerate() {
         for run in &group.runs {
-            let stages = &run.manifest.stages[usize::from(run.manifest.stages_done).min(run.manifest.stages.len())..];
-            if !stages.is_empty() {
+            let to_do = run.manifest.own_stages().filter(|(number, _)| *number >= run.manifest.stages_done);
+            let levels: Vec<String> = to_do.map(|(_, stage)| stage.level.clone()).collect();
+            if !levels.is_empty() {
                 let why = run.why_unfinished().unwrap_or("unfinished").to_owned();
-                let levels = stages.iter().map(|stage| stage.level.clone()).collect();
                 missing.push(Missing { arm, seed: run.manifest.seed, levels, why });
             }
         }

@@ -38,13 +38,13 @@ pub use conventions::{Conventions, FORMAT, THRESHOLDS};
 pub use curves::{Band, Curve, PlasticitySeries, SeriesPoint};
 pub use ends::PlasticityEnd;
 pub use found::LeftOut;
-pub use groups::{ArmStage, Difference};
+pub use groups::{ArmStage, Difference, Treatment};
 pub use inventory::{Missing, RunInfo};
 pub use levels::{LevelInfo, PlannedStart, Planner};
 pub use matrix::{Matrix, MatrixCell, MatrixRow};
 pub use outcome::{LevelOutcome, SeedOutcome, ThresholdTimes, optimality_gap};
 pub use over_seeds::OverSeeds;
-pub use pairs::Pair;
+pub use pairs::{ForkPair, Pair};
 pub use run::Protocol;
 pub use seed_values::SeedValue;
 
@@ -69,6 +69,8 @@ pub struct Analysis {
     pub arms: Vec<Arm>,
     /// Each curriculum with the runs from scratch of the same settings.
     pub pairs: Vec<Pair>,
+    /// Each arm of forks with the runs that they come from, and with those from scratch.
+    pub forks: Vec<ForkPair>,
     /// The settings that are not the same in all arms.
     pub differences: Vec<Difference>,
     /// Every run that was found.
@@ -142,10 +144,12 @@ impl Analysis {
         warnings.extend(left_out.iter().map(|LeftOut { why, .. }| format!("left out: {why}")));
         warnings.extend(groups.iter().filter_map(groups::weak_dose));
         warnings.extend(groups::mixed_versions(&groups));
+        let pairs = pairs::of_arms(&arms);
         let is_of_paper = |level: &LevelInfo| PAPER.column(&level.map, level.max_steps).is_some();
         Ok(Self {
             format: FORMAT,
-            pairs: pairs::of_arms(&arms),
+            forks: pairs::of_forks(&groups, &arms, &pairs),
+            pairs,
             differences: groups::differences(&groups),
             seed_values: seed_values::of_groups(&groups, &levels),
             runs: inventory::infos(&groups),

@@ -22,6 +22,8 @@ pub enum Protocol {
     Curriculum,
     /// Each level by a new agent.
     FromScratch,
+    /// The rest of a sequence under a treatment, from a checkpoint of a run through it.
+    Fork,
 }
 
 /// What is kept of a run: its size depends on the numbers of its stages and measures alone.
@@ -58,8 +60,11 @@ impl Run {
         // What a killed process evaluated after its last finished stage is cut back on resume, and no result.
         let mut rows = evaluations::read(&path)?;
         rows.retain(|row| row.phase == Phase::Before || row.stage < manifest.stages_done);
-        let protocol =
-            if manifest.curriculum.starts_with(LEVEL) { Protocol::FromScratch } else { Protocol::Curriculum };
+        let protocol = match &manifest.fork {
+            Some(_) => Protocol::Fork,
+            None if manifest.curriculum.starts_with(LEVEL) => Protocol::FromScratch,
+            None => Protocol::Curriculum,
+        };
         let logs = Logs::read(&path, &manifest.stages, levels)?;
         let (greedy, sampled) = rows.into_iter().partition(|row| row.policy == Policy::Greedy);
         Ok(Self {
@@ -74,17 +79,22 @@ impl Run {
 
     /// The number of the stage on this level, if it is done.
     pub(super) fn finished_stage(&self, level: &str) -> Option<u16> {
-        let stage = self.manifest.stages.iter().position(|stage| stage.level == level)? as u16;
+        let (stage, _) = self.manifest.own_stages().find(|(_, stage)| stage.level == level)?;
         (stage < self.manifest.stages_done).then_some(stage)
     }
 
     pub(super) fn trains_on(&self, level: &str) -> bool {
-        self.manifest.stages.iter().any(|stage| stage.level == level)
+        self.manifest.own_stages().any(|(_, stage)| stage.level == level)
+    }
+
+    /// How many of its own stages are done, and how many there are.
+    pub(super) fn stages_done(&self) -> (u16, usize) {
+        (self.manifest.stages_done.saturating_sub(self.manifest.first_stage()), self.manifest.own_stages().count())
     }
 
     /// Tells of a run that is not finished, or whose logs are not whole.
     pub(super) fn warnings(&self) -> Vec<String> {
-        let (done, stages) = (self.manifest.stages_done, self.manifest.stages.len());
+        let (done, stages) = self.stages_done();
         let path = self.path.display();
         let mut warnings = Vec::new();
         if let Some(why) = self.why_unfinished() {

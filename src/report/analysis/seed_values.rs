@@ -16,7 +16,7 @@ use super::run::{Evaluated, Run};
 pub struct SeedValue {
     /// Index into the arms.
     pub arm: usize,
-    /// What its run went through: `curriculum` or `level-<L>`, as in its manifest.
+    /// What its run went through: `curriculum`, the name of another sequence or `level-<L>`, as in its manifest.
     pub sequence: Arc<str>,
     /// The seed.
     pub seed: u64,
@@ -63,7 +63,11 @@ fn of_run(arm: usize, run: &Run, levels: &[LevelInfo], all: &mut Vec<SeedValue>)
         }
     }
     let done = usize::from(run.manifest.stages_done);
-    for (number, stage) in run.manifest.stages.iter().enumerate().take(done) {
+    for (number, stage) in run.manifest.own_stages() {
+        let number = usize::from(number);
+        if number >= done {
+            break;
+        }
         let Some(&level) = place.get(stage.level.as_str()) else { continue };
         let after = Some(number as u16);
         push(after, level, Cow::Borrowed("timesteps"), Some(stage.timesteps as f64));

@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use super::exhibit::{Definition, Exhibit, NamedTable};
 use super::parts::notes::{interval_note, level_names, percentile_note};
-use crate::report::analysis::{Analysis, Arm, LevelOutcome, SeedOutcome};
+use crate::report::analysis::{Analysis, Arm, LevelOutcome, Protocol, SeedOutcome};
 use crate::report::table::{Cell, Table};
 
 /// The section of docs/metrics.md.
@@ -20,7 +20,7 @@ const PLACE: &str = "over-seeds-and-levels-agarwal-et-al-2021";
 #[derive(Debug, Serialize)]
 #[serde(transparent)]
 pub struct Aggregates {
-    /// In the order of the arms; null where nothing is finished or an optimum is unknown.
+    /// In the order of the arms; null for forks, and where nothing is finished or an optimum is unknown.
     pub arms: Vec<Option<OverLevels>>,
 }
 
@@ -87,7 +87,11 @@ impl OverLevels {
 impl Aggregates {
     /// Of every arm.
     pub fn new(analysis: &Analysis) -> Self {
-        let of_arm = |arm: &Arm| OverLevels::new(&arm.levels, &analysis.conventions.bootstrap);
+        let of_arm = |arm: &Arm| {
+            // Forks have few of the levels, and their means would stand beside those of all levels.
+            let is_fork = arm.protocol == Protocol::Fork;
+            if is_fork { None } else { OverLevels::new(&arm.levels, &analysis.conventions.bootstrap) }
+        };
         Self { arms: analysis.arms.iter().map(of_arm).collect() }
     }
 }

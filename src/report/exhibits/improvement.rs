@@ -39,11 +39,13 @@ pub struct Improvement {
     pub probability: Estimate,
 }
 
-/// Every two arms of one protocol; that of y over x is 1 minus that of x over y.
+/// Every two arms of one protocol and sequence, forks after one stage; that of y over x is 1 minus that of x over y.
 fn between(arms: &[Arm], bootstrap: &Bootstrap) -> Vec<Improvement> {
     let mut all = Vec::new();
     for (x, arm) in arms.iter().enumerate() {
-        for (y, other) in arms.iter().enumerate().skip(x + 1).filter(|(_, other)| other.protocol == arm.protocol) {
+        // Other levels or none have gone before in another sequence, or up to another checkpoint.
+        let past = |arm: &Arm| (arm.protocol, arm.sequence.clone(), arm.treatment.as_ref().map(|t| t.after));
+        for (y, other) in arms.iter().enumerate().skip(x + 1).filter(|(_, other)| past(other) == past(arm)) {
             let both = arm.levels.iter().zip(&other.levels).enumerate();
             let shared: Vec<(usize, &LevelOutcome, &LevelOutcome)> =
                 both.filter_map(|(level, (a, b))| Some((level, a.as_ref()?, b.as_ref()?))).collect();

@@ -7,7 +7,7 @@ use super::parts::caption;
 use super::parts::notes::{columns, interval_note, of_paper, percentile_note};
 use super::parts::returns::{Mean, Spread, arm_row, planner_rows, published, published_note, published_row};
 use super::parts::style::{PLANNERS, PROTOCOLS, arms_of, level_label, point, short_name, style};
-use crate::report::analysis::{Analysis, Arm, LevelInfo, Planner};
+use crate::report::analysis::{Analysis, Arm, LevelInfo, Planner, Protocol};
 use crate::report::table::{Cell, Table};
 
 /// The table of mean returns.
@@ -66,10 +66,11 @@ impl Exhibit for Returns {
 /// The paper's Table 5: what each arm earns on each level right after training on it.
 pub fn right_after(analysis: &Analysis) -> Table {
     let of_arm = |arm: &Arm| arm.levels.iter().map(|level| level.as_ref().map(Mean::from)).collect::<Vec<_>>();
-    let means: Vec<Vec<Option<Mean>>> = analysis.arms.iter().map(of_arm).collect();
+    let arms = || analysis.arms.iter().filter(|arm| arm.protocol != Protocol::Fork);
+    let means: Vec<Vec<Option<Mean>>> = arms().map(of_arm).collect();
     let spread = Spread::of(means.iter().flatten());
     let (mut rows, mut published_arms) = (Vec::new(), Vec::new());
-    for (arm, means) in analysis.arms.iter().zip(&means) {
+    for (arm, means) in arms().zip(&means) {
         rows.push(arm_row(arm, means, spread));
         // What is earned after a stage depends on all stages before it.
         let shared = |column: usize, stages: usize| column < stages;

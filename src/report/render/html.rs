@@ -112,6 +112,7 @@ fn arms(analysis: &Analysis) -> HtmlTable {
         let how = match arm.protocol {
             Protocol::Curriculum => "one after another",
             Protocol::FromScratch => "each from scratch",
+            Protocol::Fork => "on from a checkpoint",
         };
         vec![
             arm.name.clone(),

@@ -44,7 +44,8 @@ type NamedPlanner = (&'static str, fn(&LevelInfo) -> &Option<Planner>);
 /// The planners that figures show as lines.
 pub const PLANNERS: [NamedPlanner; 2] = [("A*", |level| &level.astar), ("optimal", |level| &level.optimal)];
 
-/// The protocols in which arms are compared, and the titles of their panels.
+/// The protocols in which arms are compared level by level, and the titles of their panels. Forks stand in an exhibit of
+/// their own: most have not trained on every level.
 pub const PROTOCOLS: [(Protocol, &str); 2] =
     [(Protocol::Curriculum, "in the curriculum"), (Protocol::FromScratch, "from scratch")];
 
