@@ -43,7 +43,7 @@ def test_frames_hold_what_the_files_hold(folder: Path) -> None:
     assert len(found) == 4
     for name in LOGS:
         frame = getattr(runs, name)
-        assert list(frame.columns[:4]) == ["run", "arm", "curriculum", "seed"]
+        assert list(frame.columns[:5]) == ["run", "arm", "curriculum", "treatment", "seed"]
         assert {"stage", "level"} <= set(frame.columns)
         total = 0
         for run, path in found.items():
@@ -110,16 +110,35 @@ def test_a_line_that_is_being_written_is_left_out(folder: Path, tmp_path: Path) 
         file.write("1,1,20")
     runs = cpp_rl_gym.load_runs(tmp_path)
     assert len(runs.progress) == len(rows(path / "progress.csv"))
-    assert list(runs.plasticity.columns) == ["run", "arm", "curriculum", "seed"] and runs.plasticity.empty
+    assert list(runs.plasticity.columns) == ["run", "arm", "curriculum", "treatment", "seed"] and runs.plasticity.empty
 
 
 def test_a_report_is_its_tables(folder: Path) -> None:
     report = cpp_rl_gym.load_report(folder / "report")
-    assert {path.stem for path in (folder / "report" / "tables").glob("*.csv")} == set(report)
+    assert {path.stem for path in (folder / "report" / "tables").glob("*.csv")} | {"seeds"} == set(report)
     text = rows(folder / "report" / "tables" / "returns.csv")
     assert [(row.arm, row.level, row["mean"]) for _, row in report["returns"].iterrows()] == [
         (row["arm"], row["level"], float(row["mean"])) for row in text
     ]
+
+
+def test_a_report_has_the_numbers_of_single_seeds(folder: Path) -> None:
+    seeds = cpp_rl_gym.load_report(folder / "report")["seeds"]
+    columns = ["arm", "sequence", "treatment", "seed", "stage", "level", "measure", "value"]
+    assert list(seeds.columns) == columns
+    assert set(seeds.treatment) == {""}, "none of these runs is a fork"
+    assert seeds.value.tolist() == [float(row["value"]) for row in rows(folder / "report" / "seeds.csv")]
+
+
+def test_forks_name_their_treatment(folder: Path, tmp_path: Path) -> None:
+    [path] = [path.parent for path in folder.glob("**/ppo/**/seed-4/manifest.json")]
+    manifest = json.loads((path / "manifest.json").read_text())
+    for name, fork in (("parent", None), ("fork", {"parent": "parent", "after": 0, "name": "head", "treatment": {}})):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "manifest.json").write_text(json.dumps({**manifest, "fork": fork}))
+        (tmp_path / name / "progress.csv").write_text((path / "progress.csv").read_text())
+    runs = cpp_rl_gym.load_runs(tmp_path)
+    assert set(runs.progress.groupby("run").treatment.first().items()) == {("parent", ""), ("fork", "after-0:head")}
 
 
 def test_the_readmes_example_runs(folder: Path) -> None:

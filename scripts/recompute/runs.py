@@ -13,7 +13,7 @@ from . import numbers as n
 from .report import BEFORE, Checks, Report
 from .tables import THRESHOLDS
 
-Key = tuple[str, str, int, int, str, str]
+Key = tuple[str, str, str, int, int, str, str]
 
 
 def seeds(report: Report, roots: list[Path], checks: Checks) -> None:
@@ -23,9 +23,11 @@ def seeds(report: Report, roots: list[Path], checks: Checks) -> None:
     found = {manifest.parent for root in roots for manifest in root.rglob("manifest.json")}
     computed: dict[Key, float] = {}
     for run in report.json["runs"]:
-        # The report may have been made from another folder: arm, sequence and seed end every path.
-        end = Path(run["path"]).parts[-3:]
-        same = [path for path in found if path.resolve().parts[-3:] == end]
+        # The report may have been made from another folder. Arm, sequence and seed end every path; those of a fork and
+        # of the run that it comes from differ in the folders above.
+        shared = {path: _shared(Path(run["path"]), path) for path in found}
+        most = max([3, *shared.values()])
+        same = [path for path in found if shared[path] == most]
         if len(same) != 1:
             checks.differences.append(f"{run['path']}: {len(same)} runs of this name are there")
             continue
@@ -34,18 +36,27 @@ def seeds(report: Report, roots: list[Path], checks: Checks) -> None:
         checks.number(f"seeds.csv: {key}", written.get(key), computed.get(key))
 
 
+def _shared(one: Path, other: Path) -> int:
+    """How many folders two paths have in common, from the last one up."""
+    pairs = zip(reversed(one.parts), reversed(other.resolve().parts))
+    return next((count for count, (a, b) in enumerate(pairs) if a != b), min(len(one.parts), len(other.resolve().parts)))
+
+
 def _key(row: dict[str, str]) -> Key:
     stage = int(row["stage"]) if row["stage"] else BEFORE
-    return row["arm"], row["sequence"], int(row["seed"]), stage, row["level"], row["measure"]
+    return row["arm"], row["sequence"], row["treatment"], int(row["seed"]), stage, row["level"], row["measure"]
 
 
 def _of_run(report: Report, arm: str, path: Path) -> Iterator[tuple[Key, float]]:
     manifest = json.loads((path / "manifest.json").read_text(encoding="utf-8"))
-    done = manifest["stages_done"]
+    done, fork = manifest["stages_done"], manifest.get("fork")
+    # A fork lists the stages of its whole sequence, and trains those after its checkpoint.
+    first = fork["after"] + 1 if fork else 0
+    treatment = f"after-{fork['after']}:{fork['name']}" if fork else ""
     levels = {level["name"]: level for level in report.json["levels"]}
 
     def key(stage: int, level: str, measure: str) -> Key:
-        return arm, manifest["curriculum"], manifest["seed"], stage, level, measure
+        return arm, manifest["curriculum"], treatment, manifest["seed"], stage, level, measure
 
     episodes: dict[tuple[str, int, str], list[dict[str, str]]] = defaultdict(list)
     for row in _rows(path / "evaluations.csv"):
@@ -58,7 +69,7 @@ def _of_run(report: Report, arm: str, path: Path) -> Iterator[tuple[Key, float]]
         for measure, value in _evaluation(levels[level], rows):
             yield key(stage, level, prefix + measure), value
     progress, plasticity = _by_stage(path / "progress.csv"), _by_stage(path / "plasticity.csv")
-    for stage, entry in enumerate(manifest["stages"][:done]):
+    for stage, entry in list(enumerate(manifest["stages"][:done]))[first:]:
         level = entry["level"]
         yield key(stage, level, "timesteps"), entry["timesteps"]
         curve = [

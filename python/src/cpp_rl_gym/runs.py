@@ -22,13 +22,15 @@ if TYPE_CHECKING:
     import pandas as pd
 
 DEPTH = 4  # folders below a given one in which cpp-rl looks for runs: command, arm, curriculum, seed
-KEYS = ("run", "arm", "curriculum", "seed")
+KEYS = ("run", "arm", "curriculum", "treatment", "seed")
 
 
 class Runs(NamedTuple):
     """What runs have logged. Every frame begins with the columns of ``KEYS``, which say whose row it is.
 
     ``run`` is the run's directory below the folder that was given, ``curriculum`` the name of its sequence of stages.
+    ``treatment`` is that of a fork, such as ``after-0:head-0.02`` (it goes on after stage 0 under the treatment
+    ``head-0.02``), and empty for a run that is no fork.
     The other columns are those of the files; docs/metrics.md explains them. A column that a run does not have is NaN.
     """
 
@@ -54,7 +56,8 @@ def load_runs(folder: str | os.PathLike[str]) -> Runs:
     settings = []
     for path in sorted(_find(folder, DEPTH)):
         manifest = _manifest(path)
-        keys = dict(zip(KEYS, (str(path.relative_to(folder)), *(manifest[key] for key in KEYS[1:])), strict=True))
+        of_run = {**manifest, "run": str(path.relative_to(folder)), "treatment": _treatment(manifest)}
+        keys = {key: of_run[key] for key in KEYS}
         settings.append({**keys, "state": manifest["status"]["state"], **manifest["config"]})
         for name, found in frames.items():
             if (path / f"{name}.csv").exists():
@@ -72,12 +75,16 @@ def load_runs(folder: str | os.PathLike[str]) -> Runs:
 def load_report(folder: str | os.PathLike[str]) -> dict[str, pd.DataFrame]:
     """Reads the tables of a report that ``cpp-rl compare --out`` or ``cpp-rl study`` wrote, by name.
 
+    ``seeds`` is seeds.csv: one number of one seed a row, by arm, sequence, treatment, seed, stage, level and measure.
+
     Raises FileNotFoundError if there are none.
     """
     tables = Path(folder) / "tables"
     found = {path.stem: _read_csv(path) for path in sorted(tables.glob("*.csv"))}
     if not found:
         raise FileNotFoundError(f"there is no table in {tables}; pass the folder that `cpp-rl compare --out` wrote")
+    if (seeds := Path(folder) / "seeds.csv").exists():
+        found["seeds"] = _read_csv(seeds)
     return found
 
 
@@ -95,11 +102,17 @@ def _manifest(path: Path) -> dict[str, Any]:
     file = path / "manifest.json"
     try:
         manifest: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-        if lacking := [key for key in (*KEYS[1:], "status", "config") if key not in manifest]:
+        if lacking := [key for key in ("arm", "curriculum", "seed", "status", "config") if key not in manifest]:
             raise ValueError(f"it lacks {', '.join(lacking)}")
     except ValueError as error:
         raise ValueError(f"{file}: not the manifest of a run ({error})") from error
     return manifest
+
+
+def _treatment(manifest: dict[str, Any]) -> str:
+    """As in seeds.csv; runs of older versions say nothing of forks."""
+    fork = manifest.get("fork")
+    return f"after-{fork['after']}:{fork['name']}" if fork else ""
 
 
 def _logged(path: Path, keys: dict[str, Any]) -> Any:
@@ -121,7 +134,9 @@ def _read_csv(file: Path | io.StringIO) -> Any:
     # From 3.1 on pandas reads floats exactly and does not want to be asked for it.
     exact = tuple(int(part) for part in pandas.__version__.split(".")[:2]) >= (3, 1)
     options = {} if exact else {"float_precision": "round_trip"}
-    return pandas.read_csv(file, dtype={"level": str}, **options)
+    rows = pandas.read_csv(file, dtype={"level": str, "treatment": str}, **options)
+    # A run that is no fork has an empty treatment, not one that is missing.
+    return rows.fillna({"treatment": ""}) if "treatment" in rows else rows
 
 
 def _pandas() -> Any:
