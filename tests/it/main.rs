@@ -13,6 +13,7 @@ mod dqn_schedule;
 mod fakes;
 mod faults;
 mod fixtures;
+mod fork_reports;
 mod forks;
 mod house;
 mod learning;

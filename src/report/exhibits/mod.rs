@@ -16,6 +16,7 @@ pub mod plasticity;
 mod published_runs;
 mod returns;
 mod settings;
+pub mod treatments;
 
 pub use exhibit::{Definition, Exhibit, NamedFigure, NamedTable};
 pub use levels::draw_levels;
@@ -41,6 +42,7 @@ pub fn all(analysis: &Analysis) -> Vec<Box<dyn Exhibit>> {
         Box::new(matrix::Matrices),
         Box::new(continual::Continual::new(analysis)),
         Box::new(from_scratch::FromScratch::new(analysis)),
+        Box::new(treatments::Treatments::new(analysis)),
         Box::new(plasticity::Plasticity::new(analysis)),
         Box::new(plasticity::layers::Layers),
         Box::new(settings::Settings),

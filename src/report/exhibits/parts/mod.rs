@@ -3,6 +3,7 @@
 pub mod caption;
 pub mod curves;
 pub mod notes;
+pub mod own;
 pub mod returns;
 pub mod style;
 pub mod timeline;
