@@ -43,13 +43,14 @@ impl CompareArgs {
             analysis.foreign_curves.extend(foreign::read(file)?);
         }
         analysis.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+        let exhibits = exhibits::all(&analysis);
         if let Some(out) = &self.out {
-            export::write(&analysis, out, &command_line())?;
+            export::write(&analysis, &exhibits, out, &command_line())?;
             tell(format_args!("written to {}", out.display()));
         }
         match self.format {
-            Format::Json => write_stdout(&to_json(&analysis, &exhibits::all(&analysis))?),
-            format => write_stdout(&render(&exhibits::main_tables(&analysis), format)),
+            Format::Json => write_stdout(&to_json(&analysis, &exhibits)?),
+            format => write_stdout(&render(&exhibits::main_tables(&analysis, &exhibits), format)),
         }
     }
 }

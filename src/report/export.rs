@@ -1,18 +1,16 @@
 //! A report as files.
 
 use std::fs;
-use std::num::NonZero;
 use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::thread;
 
 use anyhow::{Context, Result};
 
 use super::analysis::Analysis;
-use super::exhibits::{self, NamedFigure, NamedTable};
-use super::render::{Format, page, render, seeds, to_json};
+use super::exhibits::{self, Exhibit, NamedFigure, NamedTable};
+use super::parallel;
+use super::render::{Format, page, render, seeds, write_json};
 use super::table::Table;
-use crate::run::write_file;
+use crate::run::{write_file, write_file_with};
 
 /// Pixels of figures as PNG, in units of 96 per inch of the printed figure: 288 per inch.
 pub const PNG_SCALE: f64 = 3.0;
@@ -20,49 +18,43 @@ pub const PNG_SCALE: f64 = 3.0;
 const METRICS: &str = include_str!("../../docs/metrics.md");
 
 /// Writes `report.html`, `report.json`, `seeds.csv`, `tables.md`, `tables.tex`, `tables/*.csv`, `figures/*.svg`, `figures/*.png` and
-/// the definitions of all measures, `metrics.md`, into `directory`, which is made if need be. `command` is what the
-/// report says it was made by.
+/// the definitions of all measures, `metrics.md`, into `directory`, which is made if need be. `exhibits` are those of the
+/// analysis, and `command` is what the report says it was made by.
 ///
 /// # Errors
 /// Those of the file system.
-pub fn write(analysis: &Analysis, directory: &Path, command: &str) -> Result<()> {
+pub fn write(analysis: &Analysis, exhibits: &[Box<dyn Exhibit>], directory: &Path, command: &str) -> Result<()> {
     let [csv, drawn] = ["tables", "figures"].map(|folder| directory.join(folder));
     for folder in [&csv, &drawn] {
         fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
     }
-    let exhibits = exhibits::all(analysis);
-    let sections = exhibits::sections(analysis, &exhibits);
-    write_text(&directory.join("report.html"), &page(analysis, &exhibits, &sections, command).to_html())?;
-    write_text(&directory.join("report.json"), &to_json(analysis, &exhibits)?)?;
+    let sections = exhibits::sections(analysis, exhibits);
+    write_text(&directory.join("report.html"), &page(analysis, exhibits, &sections, command).to_html())?;
+    let json = directory.join("report.json");
+    write_file_with(&json, |file| write_json(analysis, exhibits, file))
+        .with_context(|| format!("cannot write {}", json.display()))?;
     write_text(&directory.join("seeds.csv"), &seeds(analysis))?;
     let (tables, figures): (Vec<_>, Vec<_>) =
         sections.into_iter().map(|section| (section.tables, section.figures)).unzip();
     write_figures(&figures.concat(), &drawn)?;
-    for NamedTable { name, table, .. } in tables.iter().flatten() {
-        write_text(&csv.join(format!("{name}.csv")), &table.render(Format::Csv))?;
-    }
+    let written = parallel::map(&tables.concat(), |NamedTable { name, table, .. }| {
+        write_text(&csv.join(format!("{name}.csv")), &table.render(Format::Csv))
+    });
+    written.into_iter().collect::<Result<()>>()?;
     let tables: Vec<Table> = tables.into_iter().flatten().map(|named| named.table).collect();
     write_text(&directory.join("tables.md"), &(render(&tables, Format::Markdown) + &warnings(analysis)))?;
     write_text(&directory.join("tables.tex"), &render(&tables, Format::Latex))?;
     write_text(&directory.join("metrics.md"), METRICS)
 }
 
-/// Writes every figure as SVG and PNG, on all cores: drawing pixels takes most of a report's time.
+/// Writes every figure as SVG and PNG, on all cores: drawing pixels takes its time.
 fn write_figures(figures: &[NamedFigure], directory: &Path) -> Result<()> {
-    let next = AtomicUsize::new(0);
-    let work = || -> Result<()> {
-        while let Some(NamedFigure { name, drawing, .. }) = figures.get(next.fetch_add(1, Ordering::Relaxed)) {
-            write_text(&directory.join(format!("{name}.svg")), &drawing.to_svg())?;
-            let png = drawing.to_png(PNG_SCALE).with_context(|| format!("cannot draw the figure {name}"))?;
-            write_bytes(&directory.join(format!("{name}.png")), &png)?;
-        }
-        Ok(())
+    let write = |NamedFigure { name, drawing, .. }: &NamedFigure| {
+        write_text(&directory.join(format!("{name}.svg")), &drawing.to_svg())?;
+        let png = drawing.to_png(PNG_SCALE).with_context(|| format!("cannot draw the figure {name}"))?;
+        write_bytes(&directory.join(format!("{name}.png")), &png)
     };
-    let threads = thread::available_parallelism().map_or(1, NonZero::get).min(figures.len());
-    thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-        workers.into_iter().try_for_each(|worker| worker.join().expect("a figure can be drawn"))
-    })
+    parallel::map(figures, write).into_iter().collect()
 }
 
 /// What a reader must know, as a list in Markdown.

@@ -10,6 +10,7 @@ pub mod export;
 pub mod find;
 pub mod foreign;
 mod names;
+mod parallel;
 pub mod published;
 pub mod render;
 pub mod runs;

@@ -1,7 +1,7 @@
 //! Files that appear whole or not at all.
 
 use std::fs::{self, File};
-use std::io::{self, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 /// What is appended to the name of a file while it is written aside.
@@ -14,13 +14,22 @@ const PARTIAL: &str = ".partial";
 /// # Errors
 /// Those of the file system. The old content then still stands, unless all that failed was to make the new one durable.
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    write_with(path, |file| file.write_all(bytes))
+}
+
+/// The same of what `content` writes, so that a large file need not be in memory as a whole.
+///
+/// # Errors
+/// Those of the file system, and of `content`.
+pub fn write_with(path: &Path, content: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
     let directory = parent(path);
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(PARTIAL);
     let aside = directory.join(name);
-    let written = File::create(&aside).and_then(|mut file| {
-        file.write_all(bytes)?;
-        file.sync_all()
+    let written = File::create(&aside).and_then(|file| {
+        let mut file = BufWriter::new(file);
+        content(&mut file)?;
+        file.into_inner()?.sync_all()
     });
     if let Err(error) = written.and_then(|()| fs::rename(&aside, path)) {
         // Only space is at stake here, and the error below is the one to report.

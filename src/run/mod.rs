@@ -50,7 +50,7 @@ use manifest::{Manifest, Status};
 use rows::{LogColumns, When};
 use snapshot::SavedSnapshot;
 
-pub use atomic::write as write_file;
+pub use atomic::{write as write_file, write_with as write_file_with};
 pub use lock::is_held;
 pub use open::Opened;
 pub use plan::{Parents, Plan};

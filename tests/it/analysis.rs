@@ -42,7 +42,10 @@ fn one_seed_has_no_interval_and_says_so() {
     assert!(aggregates.arms[0].as_ref().is_some_and(|a| a.mean.interval.is_none() && a.mean.runs == 1));
     assert!(contrast_on_b(&analysis).area.as_ref().is_some_and(|area| area.difference.interval.is_none()));
     assert!(arm.curves[0].mean.iter().flatten().all(|band| band.low.is_none() && band.seeds == 1));
-    let text: String = exhibits::main_tables(&analysis).iter().map(|table| table.render(Format::Table)).collect();
+    let text: String = exhibits::main_tables(&analysis, &exhibits::all(&analysis))
+        .iter()
+        .map(|table| table.render(Format::Table))
+        .collect();
     assert!(text.contains("One seed has no interval: ppo") && text.contains("one seed tells nothing"), "{text}");
     assert!(text.contains(&format!("{:.2} ± {:.2}", optimum("a").mean, optimum("a").std)), "{text}");
 }
@@ -422,7 +425,7 @@ fn a_report_is_written_as_files() {
     }
     let analysis = read(&root);
     let out = root.path().join("report");
-    export::write(&analysis, &out, "cpp-rl compare").expect("the folder is writable");
+    export::write(&analysis, &exhibits::all(&analysis), &out, "cpp-rl compare").expect("the folder is writable");
     let text = |name: &str| fs::read_to_string(out.join(name)).expect("the file is there");
     let seeds = text("seeds.csv");
     assert!(seeds.starts_with("arm,sequence,treatment,seed,stage,level,measure,value\n"), "{seeds}");

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use cpp_rl::report::{Format, export};
+use cpp_rl::report::{Format, exhibits, export};
 use cpp_rl::run::manifest::Manifest;
 use serde_json::json;
 use tempfile::TempDir;
@@ -139,7 +139,7 @@ fn a_report_of_own_levels_does_not_speak_of_the_paper() {
     let text: String = tables(&own).iter().map(|named| named.table.render(Format::Markdown)).collect();
     assert!(!text.contains("the paper") && !text.contains("Exploratory Study"), "{text}");
     let root = TempDir::new().expect("a folder");
-    export::write(&own, root.path(), "cpp-rl compare").expect("the folder is writable");
+    export::write(&own, &exhibits::all(&own), root.path(), "cpp-rl compare").expect("the folder is writable");
     let html = fs::read_to_string(root.path().join("report.html")).expect("the page");
     assert!(!html.contains("the paper") && !html.contains("Exploratory Study"));
     let papers = analysis(&[Fake { levels: &["0", "1"], ..CURRICULUM }]);

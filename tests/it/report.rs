@@ -49,7 +49,8 @@ impl Report {
         }
         let analysis = Analysis::read(&[root.path().join("runs")]).expect("runs that can be read");
         let report = Self { root, analysis };
-        export::write(&report.analysis, &report.path(""), "cpp-rl compare runs").expect("the folder is writable");
+        export::write(&report.analysis, &exhibits::all(&report.analysis), &report.path(""), "cpp-rl compare runs")
+            .expect("the folder is writable");
         report.check();
         report
     }
@@ -327,7 +328,8 @@ fn the_same_runs_give_the_same_bytes() {
     let report = Report::altered(&with_seeds(&[CURRICULUM, FROM_SCRATCH_B], 3), log_plasticity);
     let before = files(&report.path(""));
     let again = Analysis::read(&[report.root.path().join("runs")]).expect("runs that can be read");
-    export::write(&again, &report.path(""), "cpp-rl compare runs").expect("the folder is writable");
+    export::write(&again, &exhibits::all(&again), &report.path(""), "cpp-rl compare runs")
+        .expect("the folder is writable");
     let after = files(&report.path(""));
     assert!(before.len() > 30, "{:?}", before.keys());
     assert_eq!(before.keys().collect::<Vec<_>>(), after.keys().collect::<Vec<_>>());

@@ -1,5 +1,8 @@
 //! Stratified bootstrap: percentile intervals of any statistic of `scores[task][run]`.
 
+use std::cell::RefCell;
+use std::rc::Rc;
+
 use chacha20::ChaCha8Rng;
 use rand::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
@@ -69,7 +72,10 @@ impl Bootstrap {
         let runs = scores.iter().map(Vec::len).min().unwrap_or(0);
         let value = statistic(scores);
         let interval = (runs > 1 && value.is_finite()).then(|| {
-            let mut distribution = self.resamples(scores).distribution(scores, statistic);
+            let mut distribution = match scores {
+                [one] => Resamples::of_task(one.len(), self.resamples, self.seed).distribution(scores, statistic),
+                _ => self.resamples(scores).distribution(scores, statistic),
+            };
             percentile_interval(&mut distribution, self.confidence)
         });
         Estimate { value, interval, runs }
@@ -86,7 +92,7 @@ impl Bootstrap {
         let value = statistic(scores);
         let interval = (runs > 1 && value.is_finite()).then(|| {
             let mut resampled = scores.to_vec();
-            let draws = Resamples::draw(&[runs], self.resamples, self.seed);
+            let draws = Resamples::of_task(runs, self.resamples, self.seed);
             let of_draw = |drawn: &[u32]| {
                 for (into, from) in resampled.iter_mut().zip(scores) {
                     into.iter_mut().zip(drawn).for_each(|(score, &seed)| *score = from[seed as usize]);
@@ -117,6 +123,24 @@ impl Resamples {
             indices.extend(sizes.iter().flat_map(|&size| std::iter::repeat_n(size, size)).map(&mut below));
         }
         Self { sizes: sizes.to_vec(), indices }
+    }
+
+    /// The draws for one task, which is what most statistics need: the last ones of a thread are kept, since a report
+    /// asks for the same again and again.
+    pub(crate) fn of_task(size: usize, resamples: usize, seed: u64) -> Rc<Self> {
+        const KEPT: usize = 4;
+        type Drawn = ((usize, usize, u64), Rc<Resamples>);
+        thread_local!(static DRAWN: RefCell<Vec<Drawn>> = const { RefCell::new(Vec::new()) });
+        DRAWN.with_borrow_mut(|kept| {
+            let key = (size, resamples, seed);
+            let known = kept.iter().find(|(own, _)| *own == key).map(|(_, draws)| Rc::clone(draws));
+            known.unwrap_or_else(|| {
+                let draws = Rc::new(Self::draw(&[size], resamples, seed));
+                kept.truncate(KEPT - 1);
+                kept.insert(0, (key, Rc::clone(&draws)));
+                draws
+            })
+        })
     }
 
     /// Takes indices made elsewhere, `[resample][task][run]`.

@@ -25,7 +25,7 @@ pub const FARTHEST: f64 = 3.0;
 /// None as for [`mean_interval`].
 pub fn interval_of_mean(bootstrap: &Bootstrap, values: &[f64]) -> Option<Interval> {
     let drawn = if values.len() < LEAST_STUDENTISED { 0 } else { bootstrap.resamples };
-    interval_of_mean_from(&Resamples::draw(&[values.len()], drawn, bootstrap.seed), bootstrap.confidence, values)
+    interval_of_mean_from(&Resamples::of_task(values.len(), drawn, bootstrap.seed), bootstrap.confidence, values)
 }
 
 /// [`interval_of_mean`] from draws for one task of so many runs.
@@ -83,7 +83,7 @@ fn around(values: &[f64], confidence: f64, share: f64) -> Option<Interval> {
 ///
 /// None as for [`mean_interval`].
 pub fn studentised_interval(bootstrap: &Bootstrap, values: &[f64]) -> Option<Interval> {
-    let resamples = Resamples::draw(&[values.len()], bootstrap.resamples, bootstrap.seed);
+    let resamples = Resamples::of_task(values.len(), bootstrap.resamples, bootstrap.seed);
     studentised_from(&resamples, bootstrap.confidence, values)
 }
 

@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 use super::bands::Bands;
 use super::curves::{self, Curve, PlasticitySeries};
 use super::ends::{self, PlasticityEnd};
-use super::groups::{ArmStage, Group, Treatment};
+use super::groups::{ArmStage, Group, Treatment, same_but_stages};
 use super::levels::LevelInfo;
 use super::matrix::Matrix;
 use super::outcome::LevelOutcome;
@@ -49,6 +49,11 @@ pub struct Arm {
 }
 
 impl Arm {
+    /// Whether the two have the same preset and settings, and differ in their stages at most.
+    pub fn differs_in_sequence_alone(&self, other: &Self) -> bool {
+        self.preset == other.preset && same_but_stages(&self.settings, &other.settings)
+    }
+
     pub(super) fn new(group: &Group, levels: &[LevelInfo], bootstrap: &Bootstrap, bands: &mut Bands) -> Self {
         let stages = group.stages(levels);
         let names: Vec<&str> = levels.iter().map(|level| level.name.as_str()).collect();

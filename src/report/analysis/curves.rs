@@ -71,9 +71,8 @@ struct Series {
 
 impl Series {
     fn new(seeds: &BTreeMap<u64, &Bins>) -> Self {
-        let places = seeds.values().map(|bins| bins.bins.len()).max().unwrap_or(0);
-        let bins_at = |place: usize| seeds.values().filter_map(move |bins| bins.bins.get(place));
-        let occupied: Vec<usize> = (0..places).filter(|&place| bins_at(place).any(|bin| bin.rows > 0.0)).collect();
+        let bins_at = |place: usize| seeds.values().filter_map(move |bins| bins.at(place));
+        let occupied: BTreeSet<usize> = seeds.values().flat_map(|bins| bins.places()).collect();
         let point = |&place: &usize| {
             let sum = |of: fn(&Bin) -> f64| bins_at(place).map(of).sum::<f64>();
             let rows = sum(|bin| bin.rows);
@@ -82,8 +81,7 @@ impl Series {
                 cumulative_timesteps: sum(|bin| bin.cumulative) / rows,
             }
         };
-        let values =
-            |bins: &Bins| occupied.iter().map(|&place| bins.bins.get(place).and_then(Bin::mean)).collect::<Vec<_>>();
+        let values = |bins: &Bins| occupied.iter().map(|&place| bins.at(place).and_then(Bin::mean)).collect::<Vec<_>>();
         Self {
             points: occupied.iter().map(point).collect(),
             seeds: seeds.iter().map(|(&seed, bins)| (seed, values(bins))).collect(),

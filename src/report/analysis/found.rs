@@ -21,6 +21,7 @@ pub struct LeftOut {
 }
 
 /// A run's directory and manifest.
+#[derive(Clone)]
 pub(super) struct Found {
     pub(super) path: PathBuf,
     pub(super) manifest: Manifest,

@@ -64,7 +64,10 @@ pub(super) struct MeasureLog {
 pub(super) struct Bins {
     /// Timesteps of a stretch.
     width: f64,
-    pub(super) bins: Vec<Bin>,
+    /// Stretches in all.
+    count: usize,
+    /// Those that have rows, by their place, ascending: plasticity is measured in few of them.
+    bins: Vec<(usize, Bin)>,
 }
 
 /// The rows of one stretch.
@@ -81,14 +84,18 @@ pub(super) struct Bin {
 
 impl Bins {
     fn new(count: usize, timesteps: u64) -> Self {
-        Self { width: (timesteps as f64 / count as f64).max(1.0), bins: vec![Bin::default(); count] }
+        Self { width: (timesteps as f64 / count as f64).max(1.0), count, bins: Vec::new() }
     }
 
     /// Takes in a row; those beyond the planned end (a rollout is always whole) belong to the last stretch.
     fn push(&mut self, timesteps: f64, cumulative: f64, value: f64) {
         let place = ((timesteps - 1.0).max(0.0) / self.width) as usize;
-        let place = place.min(self.bins.len() - 1);
-        let bin = &mut self.bins[place];
+        let place = place.min(self.count - 1);
+        let at = self.bins.binary_search_by_key(&place, |(own, _)| *own).unwrap_or_else(|at| {
+            self.bins.insert(at, (place, Bin::default()));
+            at
+        });
+        let bin = &mut self.bins[at].1;
         bin.timesteps += timesteps;
         bin.cumulative += cumulative;
         bin.rows += 1.0;
@@ -96,6 +103,19 @@ impl Bins {
             bin.value += value;
             bin.values += 1.0;
         }
+    }
+}
+
+impl Bins {
+    /// The stretch at a place, if it has rows.
+    pub(super) fn at(&self, place: usize) -> Option<&Bin> {
+        let at = self.bins.binary_search_by_key(&place, |(own, _)| *own).ok()?;
+        Some(&self.bins[at].1)
+    }
+
+    /// The places of the stretches that have rows, ascending.
+    pub(super) fn places(&self) -> impl Iterator<Item = usize> {
+        self.bins.iter().map(|(place, _)| *place)
     }
 }
 

@@ -25,10 +25,7 @@ mod pairs;
 mod run;
 mod seed_values;
 
-use std::num::NonZero;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::thread;
 
 use anyhow::Result;
 use serde::Serialize;
@@ -49,10 +46,10 @@ pub use run::Protocol;
 pub use seed_values::SeedValue;
 
 use super::foreign::ForeignCurve;
+use super::parallel;
 use super::published::{PAPER, Published};
 use crate::error::UserError;
 use bands::Bands;
-use groups::Group;
 use run::Run;
 
 /// What a set of runs says.
@@ -90,26 +87,6 @@ pub struct Analysis {
     pub seed_values: Vec<SeedValue>,
 }
 
-/// The arm of every group, on all cores: resampling takes most of an analysis's time.
-fn arms(groups: &[Group], levels: &[LevelInfo], conventions: &Conventions) -> Vec<Arm> {
-    let next = AtomicUsize::new(0);
-    let work = || {
-        let (mut bands, mut arms) = (Bands::new(conventions.curve_bootstrap), Vec::new());
-        loop {
-            let place = next.fetch_add(1, Ordering::Relaxed);
-            let Some(group) = groups.get(place) else { return arms };
-            arms.push((place, Arm::new(group, levels, &conventions.bootstrap, &mut bands)));
-        }
-    };
-    let threads = thread::available_parallelism().map_or(1, NonZero::get).min(groups.len());
-    let mut arms: Vec<(usize, Arm)> = thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-        workers.into_iter().flat_map(|worker| worker.join().expect("an arm can be summed up")).collect()
-    });
-    arms.sort_by_key(|(place, _)| *place);
-    arms.into_iter().map(|(_, arm)| arm).collect()
-}
-
 impl Analysis {
     /// Reads all runs in and below these directories. Logs are streamed: what is kept of a run does not grow with its
     /// length. A run that cannot be read is left out, and named.
@@ -121,11 +98,11 @@ impl Analysis {
         let (found, mut left_out) = found::find(directories)?;
         let levels = levels::of_runs(&found)?;
         let mut runs = Vec::new();
-        for found in found {
-            let path = found.path.clone();
-            match Run::read(found, &levels) {
+        let read = parallel::map(&found, |found| Run::read(found.clone(), &levels));
+        for (found, read) in found.into_iter().zip(read) {
+            match read {
                 Ok(run) => runs.push(run),
-                Err(error) => left_out.push((path, error)),
+                Err(error) => left_out.push((found.path, error)),
             }
         }
         match left_out.pop() {
@@ -139,7 +116,11 @@ impl Analysis {
     fn new(levels: Vec<LevelInfo>, runs: &[Run], left_out: Vec<LeftOut>) -> Result<Self, UserError> {
         let groups = groups::groups(runs)?;
         let conventions = Conventions::default();
-        let arms = arms(&groups, &levels, &conventions);
+        // Resampling takes most of an analysis's time.
+        let arms = parallel::map(&groups, |group| {
+            let mut bands = Bands::new(conventions.curve_bootstrap);
+            Arm::new(group, &levels, &conventions.bootstrap, &mut bands)
+        });
         let mut warnings: Vec<String> = runs.iter().flat_map(Run::warnings).collect();
         warnings.extend(left_out.iter().map(|LeftOut { why, .. }| format!("left out: {why}")));
         warnings.extend(groups.iter().filter_map(groups::weak_dose));

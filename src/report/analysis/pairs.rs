@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::arm::Arm;
-use super::groups::{Group, same_but_stages};
+use super::groups::Group;
 use super::run::{Protocol, Run};
 
 /// A curriculum and the runs from scratch of the same settings.
@@ -22,10 +22,8 @@ pub struct Pair {
 pub(super) fn of_arms(arms: &[Arm]) -> Vec<Pair> {
     let curricula = arms.iter().enumerate().filter(|(_, arm)| arm.protocol == Protocol::Curriculum);
     let pair = |(curriculum, arm): (usize, &Arm)| {
-        let is_counterpart = |other: &Arm| {
-            let same = other.preset == arm.preset && same_but_stages(&other.settings, &arm.settings);
-            other.protocol == Protocol::FromScratch && same
-        };
+        let is_counterpart =
+            |other: &Arm| other.protocol == Protocol::FromScratch && other.differs_in_sequence_alone(arm);
         let from_scratch = arms.iter().position(is_counterpart)?;
         Some(Pair { curriculum, from_scratch })
     };

@@ -6,11 +6,11 @@ use rl_stats::aggregate::{self, interquartile_mean, mean, median};
 use rl_stats::pairs::estimate_mean;
 use rl_stats::{Bootstrap, Estimate};
 use serde::Serialize;
-use serde_json::Value;
 
 use super::exhibit::{Definition, Exhibit, NamedTable};
 use super::parts::notes::{interval_note, level_names, percentile_note};
 use crate::report::analysis::{Analysis, Arm, LevelOutcome, Protocol, SeedOutcome};
+use crate::report::parallel;
 use crate::report::table::{Cell, Table};
 
 /// The section of docs/metrics.md.
@@ -92,7 +92,7 @@ impl Aggregates {
             let is_fork = arm.protocol == Protocol::Fork;
             if is_fork { None } else { OverLevels::new(&arm.levels, &analysis.conventions.bootstrap) }
         };
-        Self { arms: analysis.arms.iter().map(of_arm).collect() }
+        Self { arms: parallel::map(&analysis.arms, of_arm) }
     }
 }
 
@@ -121,8 +121,8 @@ impl Exhibit for Aggregates {
         ]
     }
 
-    fn numbers(&self) -> serde_json::Result<Value> {
-        serde_json::to_value(self)
+    fn numbers(&self) -> serde_json::Result<Option<String>> {
+        serde_json::to_string(self).map(Some)
     }
 
     fn tables(&self, analysis: &Analysis) -> Vec<NamedTable> {

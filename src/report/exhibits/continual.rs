@@ -9,14 +9,14 @@ use charts::{About, Axis, IntervalChart, IntervalPanel, IntervalSeries, Layout, 
 use rl_stats::Estimate;
 use rl_stats::continual::{ReturnMatrix, mean_entry};
 use serde::{Serialize, Serializer};
-use serde_json::Value;
 
 use super::exhibit::{Definition, Exhibit, NamedFigure, NamedTable};
 use super::from_scratch::{TRANSFER_BY_AREAS, transfer_by_areas};
 use super::parts::caption;
 use super::parts::notes::{columns, interval_note, percentile_note};
 use super::parts::style::{level_label, point, style};
-use crate::report::analysis::{Analysis, Arm, Matrix, MatrixCell, MatrixRow, OverSeeds};
+use crate::report::analysis::{Analysis, Matrix, MatrixCell, MatrixRow, OverSeeds};
+use crate::report::parallel;
 use crate::report::table::{Cell, Table};
 use crate::results::Policy;
 
@@ -151,8 +151,8 @@ fn by_key<S: Serializer>(values: &[Option<OverSeeds>], serializer: S) -> Result<
 impl Continual {
     /// Of every arm.
     pub fn new(analysis: &Analysis) -> Self {
-        let of_arm = |(index, arm): (usize, &Arm)| Measured::new(analysis, index, arm.matrix.as_ref()?);
-        Self { arms: analysis.arms.iter().enumerate().map(of_arm).collect() }
+        let of_arm = |index: &usize| Measured::new(analysis, *index, analysis.arms[*index].matrix.as_ref()?);
+        Self { arms: parallel::map(&(0..analysis.arms.len()).collect::<Vec<usize>>(), of_arm) }
     }
 
     /// The measures that have a place in tables and figures, and their places in [`MEASURES`].
@@ -248,8 +248,8 @@ impl Exhibit for Continual {
         MEASURES.iter().map(definition).chain([areas]).collect()
     }
 
-    fn numbers(&self) -> serde_json::Result<Value> {
-        serde_json::to_value(self)
+    fn numbers(&self) -> serde_json::Result<Option<String>> {
+        serde_json::to_string(self).map(Some)
     }
 
     fn tables(&self, analysis: &Analysis) -> Vec<NamedTable> {

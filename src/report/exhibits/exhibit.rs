@@ -1,7 +1,6 @@
 //! What an exhibit is.
 
 use charts::Drawing;
-use serde_json::Value;
 
 use crate::report::analysis::Analysis;
 use crate::report::table::Table;
@@ -27,12 +26,12 @@ pub trait Exhibit {
         Vec::new()
     }
 
-    /// What it has computed beside the analysis; null for nothing.
+    /// What it has computed beside the analysis, as JSON; none for nothing.
     ///
     /// # Errors
     /// None that numbers can have.
-    fn numbers(&self) -> serde_json::Result<Value> {
-        Ok(Value::Null)
+    fn numbers(&self) -> serde_json::Result<Option<String>> {
+        Ok(None)
     }
 
     /// Its tables; those without rows are left out.
@@ -68,13 +67,20 @@ pub struct NamedTable {
     pub name: String,
     /// Whether a terminal gets it.
     pub is_main: bool,
+    /// Whether it is of one arm alone: with [`MOST_ARMS`](super::MOST_ARMS) arms and more the page leaves it out.
+    pub is_of_one_arm: bool,
     /// The table.
     pub table: Table,
 }
 
 impl NamedTable {
     pub(super) fn new(name: impl Into<String>, table: Table) -> Self {
-        Self { name: name.into(), is_main: false, table }
+        Self { name: name.into(), is_main: false, is_of_one_arm: false, table }
+    }
+
+    /// One that there is for every arm.
+    pub(super) fn of_one_arm(name: impl Into<String>, table: Table) -> Self {
+        Self { is_of_one_arm: true, ..Self::new(name, table) }
     }
 
     /// One that a terminal gets, too.

@@ -5,7 +5,6 @@ use rl_stats::few::FEW;
 use rl_stats::pairs::estimate_probability_of_improvement;
 use rl_stats::{Bootstrap, Estimate};
 use serde::Serialize;
-use serde_json::Value;
 
 use super::exhibit::{Definition, Exhibit, NamedFigure, NamedTable};
 use super::parts::caption;
@@ -93,8 +92,8 @@ impl Exhibit for Improvements {
         }]
     }
 
-    fn numbers(&self) -> serde_json::Result<Value> {
-        serde_json::to_value(self)
+    fn numbers(&self) -> serde_json::Result<Option<String>> {
+        serde_json::to_string(self).map(Some)
     }
 
     fn tables(&self, analysis: &Analysis) -> Vec<NamedTable> {

@@ -37,7 +37,7 @@ impl Exhibit for Matrices {
             let name = format!("after-level-{}", file_name(&analysis.levels[level].name));
             NamedTable::new(name, after_stage(analysis, level))
         };
-        let own = |arm: &Arm| Some(NamedTable::new(table_name(arm), of_arm(analysis, arm)?));
+        let own = |arm: &Arm| Some(NamedTable::of_one_arm(table_name(arm), of_arm(analysis, arm)?));
         stage_levels(analysis).into_iter().map(after).chain(analysis.arms.iter().filter_map(own)).collect()
     }
 

@@ -7,7 +7,6 @@ use charts::{Reference, Style, Width};
 use rl_stats::pairs::{estimate_mean, estimate_ratio_of_means};
 use rl_stats::{Bootstrap, Estimate};
 use serde::Serialize;
-use serde_json::Value;
 
 use super::exhibit::{Definition, Exhibit, NamedFigure, NamedTable};
 use super::parts::caption;
@@ -19,8 +18,8 @@ use crate::report::table::{Cell, Table};
 
 /// The section of docs/metrics.md.
 const PLACE: &str = "what-treatments-give-back";
-/// The name of the table and of the figure of areas.
-const TREATMENTS: &str = "treatments";
+/// The key in `report.json`, and the name of the table and of the figure of areas.
+pub const TREATMENTS: &str = "treatments";
 /// The name of the figure of shares.
 const RECOVERED: &str = "recovered-share";
 /// Switches that have a panel each; more of them are rows of a heat map.
@@ -174,8 +173,8 @@ impl Exhibit for Treatments {
         }]
     }
 
-    fn numbers(&self) -> serde_json::Result<Value> {
-        if self.stages.is_empty() { Ok(Value::Null) } else { serde_json::to_value(self) }
+    fn numbers(&self) -> serde_json::Result<Option<String>> {
+        if self.stages.is_empty() { Ok(None) } else { serde_json::to_string(self).map(Some) }
     }
 
     fn tables(&self, analysis: &Analysis) -> Vec<NamedTable> {

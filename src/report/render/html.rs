@@ -68,8 +68,8 @@ fn introduction(analysis: &Analysis, command: &str) -> Vec<Block> {
     let mut blocks = vec![Block::from(summary.as_str()), Block::Table(arms(analysis)), Block::Paragraph(made)];
     if analysis.arms.len() > MOST_ARMS {
         let text = format!(
-            "There are more than {MOST_ARMS} arms, so that figures with a line or a panel for each are \
-                            left out. The tables have their numbers."
+            "There are more than {MOST_ARMS} arms. Figures and tables for each of them are left out here; the folder \
+             tables has the numbers. Orders of the levels and long sequences stand under Over positions."
         );
         blocks.push(Block::from(text.as_str()));
     }
@@ -145,7 +145,18 @@ fn seeds(seeds: &[u64]) -> String {
 
 fn section(analysis: &Analysis, exhibit: &dyn Exhibit, shown: &Shown) -> Section {
     let figures = shown.figures.iter().map(|named| Block::Figure(figure(named, &shown.tables)));
-    let mut blocks: Vec<Block> = figures.chain(shown.tables.iter().flat_map(|named| table(&named.table))).collect();
+    let is_left_out = |named: &&NamedTable| named.is_of_one_arm && analysis.arms.len() > MOST_ARMS;
+    let (elsewhere, here): (Vec<&NamedTable>, Vec<&NamedTable>) = shown.tables.iter().partition(is_left_out);
+    let mut blocks: Vec<Block> = figures.chain(here.iter().flat_map(|named| table(&named.table))).collect();
+    if let Some(first) = elsewhere.first() {
+        let each = count(elsewhere.len(), "table of one arm", "tables of one arm each");
+        let text = vec![
+            plain(format!("{each} can be found in the folder tables, such as ")),
+            link(format!("{}.csv", first.name), format!("tables/{}.csv", first.name)),
+            plain("."),
+        ];
+        blocks.push(Block::Paragraph(Text(text)));
+    }
     if blocks.is_empty() {
         blocks.push(exhibit.absence().into());
     } else if !exhibit.lead().is_empty() {

@@ -1,9 +1,8 @@
 //! JSON, numbers in full.
 
-use std::collections::BTreeMap;
+use std::io::{self, Write};
 
 use anyhow::Result;
-use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use crate::report::analysis::Analysis;
@@ -39,14 +38,48 @@ pub(super) fn tables(tables: &[Table]) -> String {
 /// # Errors
 /// None that a report can have.
 pub fn report(analysis: &Analysis, exhibits: &[Box<dyn Exhibit>]) -> Result<String> {
-    #[derive(Serialize)]
-    struct Report<'a> {
-        #[serde(flatten)]
-        analysis: &'a Analysis,
-        exhibits: BTreeMap<&'a str, Value>,
+    let mut text = Vec::new();
+    write_report(analysis, exhibits, &mut text)?;
+    Ok(String::from_utf8(text)?)
+}
+
+/// The same, written as it is made: of many runs it is large.
+///
+/// # Errors
+/// Those of the writer.
+pub fn write_report(analysis: &Analysis, exhibits: &[Box<dyn Exhibit>], mut to: impl Write) -> io::Result<()> {
+    let mut all_but_last = AllButLast { to: &mut to, last: None };
+    serde_json::to_writer(&mut all_but_last, analysis)?;
+    // In place of the brace that closes the analysis.
+    to.write_all(b",\"exhibits\":{")?;
+    let mut numbers: Vec<(&str, &dyn Exhibit)> = exhibits.iter().map(|e| (e.key(), e.as_ref())).collect();
+    numbers.sort_by_key(|(key, _)| *key);
+    let mut between = "";
+    for (key, exhibit) in numbers {
+        if let Some(numbers) = exhibit.numbers()? {
+            write!(to, "{between}\"{key}\":{numbers}")?;
+            between = ",";
+        }
     }
-    let numbers = exhibits.iter().map(|exhibit| Ok((exhibit.key(), exhibit.numbers()?)));
-    let mut exhibits = numbers.collect::<Result<BTreeMap<&str, Value>, serde_json::Error>>()?;
-    exhibits.retain(|_, numbers| !numbers.is_null());
-    Ok(serde_json::to_string(&Report { analysis, exhibits })? + "\n")
+    to.write_all(b"}}\n")
+}
+
+/// A writer that holds the last byte back.
+struct AllButLast<W> {
+    to: W,
+    last: Option<u8>,
+}
+
+impl<W: Write> Write for AllButLast<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if let Some((&last, rest)) = bytes.split_last() {
+            self.to.write_all(self.last.replace(last).as_slice())?;
+            self.to.write_all(rest)?;
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.to.flush()
+    }
 }

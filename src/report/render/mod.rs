@@ -9,7 +9,7 @@ mod seeds;
 mod terminal;
 
 pub use html::page;
-pub use json::report as to_json;
+pub use json::{report as to_json, write_report as write_json};
 pub use seeds::seeds;
 
 use serde_json::Value;

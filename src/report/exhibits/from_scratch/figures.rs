@@ -48,7 +48,7 @@ fn curves(analysis: &Analysis, pair: Pair) -> Option<NamedFigure> {
             learning_points(analysis, &both),
             caption::missing(analysis, &both),
         ]),
-        drawing: panel_per_level(analysis, about, &[arm, other], &levels_of(arm), curves).draw(),
+        drawing: panel_per_level(analysis, about, &[arm, other], &levels_of(arm), curves)?.draw(),
         tables: vec![TABLE.to_owned()],
     })
 }

@@ -5,16 +5,18 @@ mod numbers;
 mod tables;
 
 use serde::Serialize;
-use serde_json::Value;
 
 pub use numbers::{
-    AreaMeasure, Contrast, LevelContrast, OverLevels, Paired, PairedTimes, RELATIVE_LOSS, TRANSFER_BY_AREAS,
-    TimeSummary, transfer_by_areas,
+    AreaMeasure, Contrast, LEAST_AREA, LevelContrast, OverLevels, Paired, PairedTimes, RELATIVE_LOSS,
+    TRANSFER_BY_AREAS, TimeSummary, transfer_by_areas,
 };
 
 use super::exhibit::{Definition, Exhibit, NamedFigure, NamedTable};
-use crate::report::analysis::Analysis;
+use crate::report::analysis::{Analysis, Pair};
+use crate::report::parallel;
 
+/// A setting that only DQN has: its runs explore at their beginning.
+const EXPLORATION: &str = "exploration_initial_eps";
 /// The table of areas and final returns.
 const TABLE: &str = "against-from-scratch";
 /// The table and the figure of times to thresholds.
@@ -26,12 +28,17 @@ const TIMES: &str = "time-to-threshold";
 pub struct FromScratch {
     /// A pair of arms each.
     pub contrasts: Vec<Contrast>,
+    /// Whether one of them is DQN's, whose two sides differ in exploration, too.
+    #[serde(skip)]
+    has_dqn: bool,
 }
 
 impl FromScratch {
     /// Of every pair.
     pub fn new(analysis: &Analysis) -> Self {
-        Self { contrasts: analysis.pairs.iter().map(|&pair| Contrast::new(analysis, pair)).collect() }
+        let is_dqn = |pair: &Pair| analysis.arms[pair.curriculum].settings.contains_key(EXPLORATION);
+        let has_dqn = analysis.pairs.iter().any(is_dqn);
+        Self { has_dqn, contrasts: parallel::map(&analysis.pairs, |&pair| Contrast::new(analysis, pair)) }
     }
 }
 
@@ -45,6 +52,10 @@ impl Exhibit for FromScratch {
     }
 
     fn lead(&self) -> &'static str {
+        if !self.has_dqn {
+            return "The same algorithm, settings and seed number, with a past and without one. Negative transfer and a \
+                    hard level look like lost plasticity here: read it with the plasticity measures.";
+        }
         "The same algorithm, settings and seed number, with a past and without one. DQN's two sides differ in \
          exploration, too. From scratch it begins with random actions: ε falls from 1 to 0.05. In a curriculum it does \
          so on the first level only; later ones have ε = 0.05 throughout. An arm whose exploration_initial_eps is 0.05 \
@@ -69,8 +80,8 @@ impl Exhibit for FromScratch {
         ]
     }
 
-    fn numbers(&self) -> serde_json::Result<Value> {
-        serde_json::to_value(self)
+    fn numbers(&self) -> serde_json::Result<Option<String>> {
+        serde_json::to_string(self).map(Some)
     }
 
     fn tables(&self, analysis: &Analysis) -> Vec<NamedTable> {

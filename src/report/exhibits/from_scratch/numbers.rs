@@ -18,7 +18,7 @@ use crate::results::mean_std;
 pub(super) const PLACE: &str = "the-curriculum-against-learning-from-scratch";
 
 /// The least mean area that shares are told of: of next to nothing there is none.
-const LEAST_AREA: f64 = 0.05;
+pub const LEAST_AREA: f64 = 0.05;
 
 /// A curriculum and the runs from scratch of the same settings.
 #[derive(Clone, Debug, Serialize)]

@@ -7,7 +7,6 @@ use std::collections::BTreeSet;
 
 use charts::{About, Axis, Curve, CurveChart, CurvePanel, Layout, Width};
 use serde::Serialize;
-use serde_json::Value;
 
 use super::exhibit::{Exhibit, NamedFigure, NamedTable};
 use super::parts::caption;
@@ -59,8 +58,8 @@ impl Exhibit for Learning {
         "No run has a learning curve."
     }
 
-    fn numbers(&self) -> serde_json::Result<Value> {
-        if self.beside.is_empty() { Ok(Value::Null) } else { serde_json::to_value(self) }
+    fn numbers(&self) -> serde_json::Result<Option<String>> {
+        if self.beside.is_empty() { Ok(None) } else { serde_json::to_string(self).map(Some) }
     }
 
     fn tables(&self, analysis: &Analysis) -> Vec<NamedTable> {
@@ -228,6 +227,7 @@ fn from_scratch(analysis: &Analysis) -> Option<NamedFigure> {
         arms.iter().map(own).chain(drawn).collect()
     };
     let about = About::new("Every level from scratch", "Return during training of new agents, a panel per level.");
+    let chart = panel_per_level(analysis, about, &alone, &levels, curves)?;
     (!arms.is_empty()).then(|| NamedFigure {
         name: "learning-curves-from-scratch".to_owned(),
         caption: caption::join([
@@ -238,7 +238,7 @@ fn from_scratch(analysis: &Analysis) -> Option<NamedFigure> {
             beside_note(&sources),
             caption::missing(analysis, &indices),
         ]),
-        drawing: panel_per_level(analysis, about, &alone, &levels, curves).draw(),
+        drawing: chart.draw(),
         tables: vec![FOREIGN.to_owned()],
     })
 }

@@ -52,14 +52,17 @@ pub fn on_level(arm: &Arm, level: usize, name: &str, style: Style) -> Curve {
     curve
 }
 
-/// A panel per level; x is as long as the longest training of these arms.
+/// Levels that have a panel each at most; nobody reads more of them.
+const MOST_LEVELS: usize = 20;
+
+/// A panel per level; x is as long as the longest training of these arms. None of more levels than can be read.
 pub fn panel_per_level(
     analysis: &Analysis,
     about: About,
     arms: &[&Arm],
     levels: &[usize],
     curves: impl Fn(usize) -> Vec<Curve>,
-) -> CurveChart {
+) -> Option<CurveChart> {
     let panel = |&level: &usize| CurvePanel {
         title: level_label(analysis, level),
         curves: curves(level),
@@ -69,14 +72,14 @@ pub fn panel_per_level(
     let longest = arms.iter().flat_map(|arm| levels.iter().filter_map(|&level| trained_for(arm, level)));
     let longest = longest.fold(0.0, f64::max);
     let is_first = |(place, level): &(usize, &usize)| !levels[..*place].contains(level);
-    let levels = levels.iter().enumerate().filter(is_first).map(|(_, level)| level);
-    CurveChart {
+    let levels: Vec<&usize> = levels.iter().enumerate().filter(is_first).map(|(_, level)| level).collect();
+    (levels.len() <= MOST_LEVELS).then(|| CurveChart {
         about,
         layout: Layout { width: Width::Page, columns: 3, panel_height: 95.0 },
         // Curves begin with the first row of a log, training at 0.
         x: Axis { range: Some((0.0, longest)), ..Axis::new("timesteps on the level") },
         y: Axis::new(RETURN),
-        panels: levels.map(panel).collect(),
+        panels: levels.into_iter().map(panel).collect(),
         ..CurveChart::default()
-    }
+    })
 }

@@ -6,7 +6,6 @@ mod panels;
 
 use charts::About;
 use serde::Serialize;
-use serde_json::Value;
 
 use super::exhibit::{Definition, Exhibit, NamedFigure, NamedTable};
 use super::parts::caption;
@@ -15,6 +14,7 @@ use super::parts::style::{FROM_SCRATCH, arms_of, style};
 use super::parts::timeline::{Timeline, levels_of};
 use crate::report::analysis::{Analysis, Arm, Pair, Protocol};
 use crate::report::names::file_name;
+use crate::report::parallel;
 pub use ends::Differences;
 use panels::{Line, acting_layer, chart, layer_note, logged, of_seeds, panels};
 
@@ -28,7 +28,7 @@ pub struct Plasticity {
 impl Plasticity {
     /// Of every pair.
     pub fn new(analysis: &Analysis) -> Self {
-        Self { differences: analysis.pairs.iter().map(|&pair| Differences::new(analysis, pair)).collect() }
+        Self { differences: parallel::map(&analysis.pairs, |&pair| Differences::new(analysis, pair)) }
     }
 }
 
@@ -64,21 +64,21 @@ impl Exhibit for Plasticity {
         ]
     }
 
-    fn numbers(&self) -> serde_json::Result<Value> {
-        serde_json::to_value(self)
+    fn numbers(&self) -> serde_json::Result<Option<String>> {
+        serde_json::to_string(self).map(Some)
     }
 
     fn tables(&self, analysis: &Analysis) -> Vec<NamedTable> {
         let arms = analysis.arms.iter().enumerate();
         let own = arms.flat_map(|(index, arm)| {
-            let end = NamedTable::new(table_name(arm), ends::of_arm(analysis, index, arm));
+            let end = NamedTable::of_one_arm(table_name(arm), ends::of_arm(analysis, index, arm));
             let beginning = ends::of_beginnings(analysis, index, arm);
-            let beginning = NamedTable::new(format!("plasticity-before-{}", file_name(&arm.name)), beginning);
+            let beginning = NamedTable::of_one_arm(format!("plasticity-before-{}", file_name(&arm.name)), beginning);
             [Some(end), (!arm.plasticity_begins.is_empty()).then_some(beginning)].into_iter().flatten()
         });
         let differences = self.differences.iter().map(|differences| {
             let arm = &analysis.arms[differences.pair.curriculum];
-            NamedTable::new(differences_name(arm), differences.table(analysis))
+            NamedTable::of_one_arm(differences_name(arm), differences.table(analysis))
         });
         own.chain(differences).collect()
     }
