@@ -23,6 +23,8 @@ class Report:
         self.json = json.loads((directory / "report.json").read_text(encoding="utf-8"))
         self.arms = [arm["name"] for arm in self.json["arms"]]
         self.levels = [level["name"] for level in self.json["levels"]]
+        # Forks have no place in tables with a column per level, nor in means over levels.
+        self.forks = {arm["name"] for arm in self.json["arms"] if arm["protocol"] == "fork"}
         self.is_curriculum = {arm["name"]: arm["protocol"] == "curriculum" for arm in self.json["arms"]}
         self.stages = {
             arm["name"]: [self.levels[stage["level"]] for stage in arm["stages"]] for arm in self.json["arms"]

@@ -31,12 +31,11 @@ def right_after_training(report: Report, checks: Checks) -> None:
     """Mean and standard deviation on each level right after training on it."""
     name, rows = "right-after-training", report.table("right-after-training")
     rows = [row for row in rows or [] if row["arm"] in report.arms]
-    cells = {
-        (arm, level): report.right_after(arm, "return", level) for arm in report.arms for level in report.levels
-    }
+    arms = [arm for arm in report.arms if arm not in report.forks]
+    cells = {(arm, level): report.right_after(arm, "return", level) for arm in arms for level in report.levels}
     # Where no cell has several seeds, the deviation is that of one seed over its start cells.
     over_seeds = any(len(values) > 1 for values in cells.values())
-    for (arm,), row in _rows(checks, name, rows, [(arm,) for arm in report.arms], ("arm",)):
+    for (arm,), row in _rows(checks, name, rows, [(arm,) for arm in arms], ("arm",)):
         most = max((len(cells[arm, level]) for level in report.levels), default=0)
         checks.number(f"{name}: {arm}, seeds", row["seeds"], most)
         for level in report.levels:
@@ -58,7 +57,7 @@ def aggregates(report: Report, checks: Checks) -> None:
     """Normalised returns over levels."""
     name = "aggregates"
     scores: dict[str, dict[str, Values]] = {}
-    for arm in report.arms:
+    for arm in (arm for arm in report.arms if arm not in report.forks):
         by_level = {level: report.right_after(arm, "normalised_return", level) for level in report.levels}
         returns = {level: report.right_after(arm, "return", level) for level in report.levels}
         # A level without a proved optimum leaves the arm without a row.
@@ -280,4 +279,34 @@ def _contrast(
     checks.number(f"{place}, relative loss seeds", row.get("relative loss of area seeds"), other)
 
 
-ALL = (right_after_training, aggregates, continual_learning, against_from_scratch)
+def treatments(report: Report, checks: Checks) -> None:
+    """Areas of forks beside those of the runs that they come from and of runs from scratch, paired by seed."""
+    name, expected = "treatments", {}
+    arms = report.arms
+    for pair in report.json["forks"]:
+        fork = arms[pair["fork"]]
+        untreated, scratch = (arms[pair[of]] if pair[of] is not None else "" for of in ("curriculum", "from_scratch"))
+        for stage in report.json["arms"][pair["fork"]]["stages"]:
+            number, level = stage["stage"], report.levels[stage["level"]]
+            treated = report.after(fork, "area", number, level)
+            before = report.after(untreated, "area", number, level)
+            new = report.right_after(scratch, "area", level)
+            if treated:
+                expected[fork, str(number)] = treated, before, new
+    for key, row in _rows(checks, name, report.table(name), expected, ("arm", "stage")):
+        place, (treated, before, new) = f"{name}: {key[0]}, stage {key[1]}", expected[key]
+        for column, values in (("area untreated", before), ("area treated", treated), ("area from scratch", new)):
+            values = [values[seed] for seed in treated if seed in values]
+            checks.number(f"{place}, {column}", row[column], n.mean(values) if values else None)
+        gains = [treated[seed] - before[seed] for seed in sorted(treated) if seed in before]
+        _interval(checks, place, row, "treated - untreated", n.mean(gains) if gains else None, n.mean_interval(gains))
+        seeds = [seed for seed in sorted(treated) if seed in before and seed in new]
+        pairs = [(treated[seed] - before[seed], new[seed] - before[seed]) for seed in seeds]
+        lost = [loss for _, loss in pairs]
+        bounds = n.mean_interval(lost) if lost else None
+        _interval(checks, place, row, "from scratch - untreated", n.mean(lost) if lost else None, bounds)
+        is_lost = bounds is not None and not bounds[0] <= 0 <= bounds[1]
+        _interval(checks, place, row, "recovered share", *(n.ratio_of_means(pairs) if is_lost else (None, None)))
+
+
+ALL = (right_after_training, aggregates, continual_learning, against_from_scratch, treatments)
