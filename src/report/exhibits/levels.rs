@@ -4,12 +4,12 @@ use charts::{About, Drawing, GridMap, GridMaps, Layout, Tile, Width};
 use coverage_env::{Cell as Square, Level};
 
 use super::exhibit::{Exhibit, NamedFigure, NamedTable};
-use super::parts::notes::of_paper;
 use crate::report::analysis::{Analysis, LevelInfo, Planner};
 use crate::report::table::{Cell, Table};
 
-/// Maps that stand side by side, at most.
-const COLUMNS: usize = 5;
+/// Maps that stand side by side, and of how many more do.
+const COLUMNS: [usize; 2] = [5, 10];
+const MANY: usize = 15;
 /// The table's name.
 const TABLE: &str = "planners";
 
@@ -69,12 +69,14 @@ fn planners(analysis: &Analysis) -> Table {
         notes.push("Those published are from 20 drawn start cells.".to_owned());
     }
     let columns = ["level", "planner", "episodes", "mean", "std", "min", "max", "mean length"];
-    Table::new(format!("What planners earn{}", of_paper(analysis, "the paper's Table 1")), columns, rows, notes)
+    let all = (0..analysis.levels.len()).all(|level| analysis.paper_column(level).is_some());
+    let of_paper = if all { " (the paper's Table 1)" } else { "" };
+    Table::new(format!("What planners earn{of_paper}"), columns, rows, notes)
 }
 
 /// Maps side by side with their names: targets green, walls black, free cells white.
 pub fn draw_levels(levels: &[Level]) -> Drawing {
-    let columns = levels.len().clamp(1, COLUMNS);
+    let columns = levels.len().clamp(1, COLUMNS[usize::from(levels.len() > MANY)]);
     GridMaps {
         about: About::new("Levels", "Maps of the levels: targets green, walls black, free cells white."),
         layout: Layout { width: if columns > 2 { Width::Page } else { Width::Column }, columns, ..Layout::default() },

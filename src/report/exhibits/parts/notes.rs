@@ -80,7 +80,8 @@ pub fn deviation_note(seeds: usize) -> String {
     }
 }
 
-/// A remark on the paper, in brackets; nothing where none of its levels is compared.
+/// A remark on the paper, in brackets; nothing where no arm was trained as the paper's models were.
 pub fn of_paper(analysis: &Analysis, remark: &str) -> String {
-    if analysis.published.is_some() { format!(" ({remark})") } else { String::new() }
+    let any = analysis.arms.iter().any(|arm| analysis.stages_of_paper(arm) > 0);
+    if any { format!(" ({remark})") } else { String::new() }
 }

@@ -119,9 +119,11 @@ pub fn published(
 
 /// What the published rows are, and which of the arms that they stand below were trained for another time.
 pub fn published_note(paper: &Published, arms: &[&Arm]) -> String {
-    let mut note = "Published: what the paper printed, of one seed, trained for 500,000 timesteps per level (DQN \
-                    1,000,000). Its ± is over episodes from drawn start cells."
-        .to_owned();
+    let dqn = if arms.iter().any(|arm| arm.preset == "dqn") { " (DQN 1,000,000)" } else { "" };
+    let mut note = format!(
+        "Published: what the paper printed, of one seed, trained for 500,000 timesteps per level{dqn}. Its ± is over \
+         episodes from drawn start cells."
+    );
     let other_time = |arm: &&Arm| {
         let published = paper.timesteps(&arm.preset)?;
         let here = arm.stages.iter().map(|stage| stage.timesteps).find(|&timesteps| timesteps != published)?;
