@@ -137,6 +137,12 @@ impl Fake {
         };
         let mut config =
             json!({ "name": self.arm, "max_steps": max_steps(self.levels[0]), "timesteps": self.timesteps });
+        // As the arms of a sweep are named.
+        for (key, value) in self.arm.split('+').filter_map(|part| part.split_once('-')) {
+            if let Ok(value) = value.parse::<f64>() {
+                config[key] = value.into();
+            }
+        }
         let fork = self.fork.map(|(after, name)| {
             // A treatment may change settings.
             config["treated"] = name.into();

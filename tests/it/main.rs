@@ -35,6 +35,7 @@ mod sb3_dqn;
 mod sb3_models;
 mod sb3_ppo;
 mod sensors;
+mod sequences;
 mod settings;
 mod stops;
 mod studies;

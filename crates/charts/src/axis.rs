@@ -12,6 +12,9 @@ pub struct Axis {
     /// The values at its ends; `None` takes the data's. A wider range than the data's is kept, a narrower one cuts
     /// curves off.
     pub range: Option<(f64, f64)>,
+    /// Whether the values are logarithms to base 10, which ticks call by the numbers they are of: "10⁻⁴" at −4. Of
+    /// horizontal axes of curves.
+    pub powers: bool,
 }
 
 impl Axis {
@@ -150,6 +153,24 @@ impl Scale {
     }
 }
 
+impl Scale {
+    /// At most `max` ticks of a scale of logarithms to base 10: at whole powers, or, where it holds fewer than two of
+    /// them, at 1, 2 and 5 times a power.
+    pub fn power_ticks(&self, max: usize) -> Vec<Tick> {
+        let (first, last) = ((self.low - 1e-9).ceil() as i32, (self.high + 1e-9).floor() as i32);
+        let powers: Vec<i32> = (first..=last).collect();
+        if powers.len() < 2 {
+            let multiple = |power: i32| [1.0, 2.0, 5.0].map(|digit| digit * 10f64.powi(power));
+            let within = |value: &f64| (self.low - 1e-9..=self.high + 1e-9).contains(&value.log10());
+            let values = (first - 1..=last + 1).flat_map(multiple).filter(within);
+            let tick = |value: f64| Tick { value: value.log10(), label: format!("{value}") };
+            return values.map(tick).take(max).collect();
+        }
+        let tick = |&power: &i32| Tick { value: f64::from(power), label: format!("10{}", superscript(power)) };
+        powers.iter().step_by(powers.len().div_ceil(max.max(1))).map(tick).collect()
+    }
+}
+
 /// How far outside its panel a place may lie, in panels; more could overflow a renderer.
 const CLAMP: f64 = 10.0;
 
@@ -186,6 +207,18 @@ mod tests {
                 assert!(ticks.windows(2).all(|pair| pair[0].label != pair[1].label), "{ticks:?}");
             }
         }
+    }
+
+    #[test]
+    fn ticks_of_logarithms_are_powers() {
+        let labels = |low: f64, high: f64, max: usize| {
+            let ticks = Scale { low, high }.power_ticks(max);
+            ticks.into_iter().map(|tick| tick.label).collect::<Vec<_>>()
+        };
+        assert_eq!(labels(-5.0, -2.0, 7), ["10⁻⁵", "10⁻⁴", "10⁻³", "10⁻²"]);
+        assert_eq!(labels(-5.0, -2.0, 2), ["10⁻⁵", "10⁻³"]);
+        assert_eq!(labels(0.2, 0.8, 7), ["2", "5"]);
+        assert_eq!(labels(1.8, 2.5, 7), ["100", "200"]);
     }
 
     #[test]

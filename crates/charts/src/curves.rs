@@ -123,7 +123,10 @@ impl CurveChart {
         };
         let Plan { mut drawing, panels: rects, .. } = frame.arrange();
 
-        let x_ticks = x_scale.map_or_else(Vec::new, |scale| frame::x_ticks(&scale, rects[0].width, OVERHANG));
+        let x_ticks = x_scale.map_or_else(Vec::new, |scale| {
+            let ticks = |max: usize| if self.x.powers { scale.power_ticks(max) } else { scale.ticks(max) };
+            frame::x_ticks_of(&scale, rects[0].width, OVERHANG, ticks)
+        });
         for (index, (panel, rect)) in panels.iter().zip(rects).enumerate() {
             let (Some(x), Some(y)) = (x_scale, y_scales[index]) else {
                 frame::no_data(&mut drawing, rect);

@@ -208,6 +208,16 @@ pub(crate) fn gutter<'a>(labels: impl IntoIterator<Item = &'a str>) -> f64 {
 /// The ticks of a horizontal axis `width` wide: as many as fit beside each other, and such that no label reaches
 /// further than `overhang` beyond the ends.
 pub(crate) fn x_ticks(scale: &axis::Scale, width: f64, overhang: f64) -> Vec<axis::Tick> {
+    x_ticks_of(scale, width, overhang, |max| scale.ticks(max))
+}
+
+/// The same of the ticks that `of` gives for at most so many.
+pub(crate) fn x_ticks_of(
+    scale: &axis::Scale,
+    width: f64,
+    overhang: f64,
+    of: impl Fn(usize) -> Vec<axis::Tick>,
+) -> Vec<axis::Tick> {
     const APART: f64 = 5.0;
     let fits = |ticks: &[axis::Tick]| {
         let spans: Vec<_> = ticks
@@ -220,7 +230,7 @@ pub(crate) fn x_ticks(scale: &axis::Scale, width: f64, overhang: f64) -> Vec<axi
         let inside = spans.iter().all(|(from, to)| *from >= -overhang && *to <= width + overhang);
         inside && spans.windows(2).all(|pair| pair[0].1 + APART <= pair[1].0)
     };
-    (1..=7).rev().map(|max| scale.ticks(max)).find(|ticks| fits(ticks)).unwrap_or_default()
+    (1..=7).rev().map(of).find(|ticks| fits(ticks)).unwrap_or_default()
 }
 
 /// The ticks of a vertical axis `height` high.

@@ -49,6 +49,8 @@ const OVERHANG: f64 = 3.0;
 /// How high a cell is, as a share of its width and at most.
 const CELL_SHARE: f64 = 0.8;
 const CELL_MOST: f64 = 24.0;
+/// More rows than this are no higher than their names.
+const MANY_ROWS: f64 = 30.0;
 const LONGEST_NAME: f64 = 80.0;
 
 /// Values to colours, dark blue to yellow (cividis), which is safe for colour-blind readers: greater is lighter.
@@ -89,7 +91,7 @@ impl HeatMap {
             layout: &self.layout,
             height: PanelHeight::Share(
                 panels.iter().map(share).fold(0.0, f64::max).max((font::TICK + 2.0) * most_rows / width),
-                CELL_MOST * most_rows,
+                most_rows * if most_rows > MANY_ROWS { font::TICK + 2.0 } else { CELL_MOST },
             ),
             titles: panels.iter().map(|panel| panel.title.clone()).collect(),
             legend: Vec::new(),

@@ -4,6 +4,7 @@
 
 pub mod aggregates;
 pub mod continual;
+pub mod doses;
 mod exhibit;
 pub mod from_scratch;
 pub mod improvement;
@@ -13,6 +14,7 @@ mod matrix;
 mod missing;
 mod parts;
 pub mod plasticity;
+pub mod positions;
 mod published_runs;
 mod returns;
 mod settings;
@@ -48,6 +50,15 @@ pub fn all(analysis: &Analysis) -> Vec<Box<dyn Exhibit>> {
         Box::new(settings::Settings),
         Box::new(missing::Missing),
     ];
+    if positions::are_worth_it(analysis) {
+        let place = all.iter().position(|exhibit| exhibit.key() == treatments::TREATMENTS).unwrap_or(all.len());
+        all.insert(place, Box::new(positions::Positions::new(analysis)));
+    }
+    let doses = doses::Doses::new(analysis);
+    if !doses.sweeps.is_empty() {
+        let place = all.iter().position(|exhibit| exhibit.key() == treatments::TREATMENTS).unwrap_or(all.len());
+        all.insert(place, Box::new(doses));
+    }
     // A report of other levels does not speak of the paper.
     if analysis.published.is_some() {
         let place = all.iter().position(|exhibit| exhibit.key() == continual::KEY).unwrap_or(all.len());
@@ -80,9 +91,8 @@ pub fn sections(analysis: &Analysis, exhibits: &[Box<dyn Exhibit>]) -> Vec<Secti
 
 /// The tables that a terminal gets: what each arm earns, what it forgets, whether it learns worse than from scratch,
 /// and in what the arms differ.
-pub fn main_tables(analysis: &Analysis) -> Vec<Table> {
-    let all = all(analysis);
-    let main = all.iter().flat_map(|exhibit| shown(exhibit.tables(analysis))).filter(|named| named.is_main);
+pub fn main_tables(analysis: &Analysis, exhibits: &[Box<dyn Exhibit>]) -> Vec<Table> {
+    let main = exhibits.iter().flat_map(|exhibit| shown(exhibit.tables(analysis))).filter(|named| named.is_main);
     let mut tables: Vec<Table> = main.map(|named| named.table).collect();
     cite(tables.iter_mut());
     tables
