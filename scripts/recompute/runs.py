@@ -38,8 +38,8 @@ def seeds(report: Report, roots: list[Path], checks: Checks) -> None:
 
 def _shared(one: Path, other: Path) -> int:
     """How many folders two paths have in common, from the last one up."""
-    pairs = zip(reversed(one.parts), reversed(other.resolve().parts))
-    return next((count for count, (a, b) in enumerate(pairs) if a != b), min(len(one.parts), len(other.resolve().parts)))
+    pairs = list(zip(reversed(one.parts), reversed(other.resolve().parts)))
+    return next((count for count, (a, b) in enumerate(pairs) if a != b), len(pairs))
 
 
 def _key(row: dict[str, str]) -> Key:
