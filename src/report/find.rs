@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use crate::run::{lock, manifest};
 
-/// Folders below a given one that may hold runs: command, arm, curriculum, seed.
-const DEPTH: usize = 4;
+/// Folders below a given one that may hold runs: two of the user's, command, arm, curriculum, seed.
+const DEPTH: usize = 6;
 
 /// What is below a folder, in no particular order.
 #[derive(Debug, Default)]

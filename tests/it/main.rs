@@ -40,6 +40,7 @@ mod settings;
 mod stops;
 mod studies;
 mod study;
+mod why;
 
 use cpp_rl::agent::engine::{Engine, FusedEngine, Parts};
 

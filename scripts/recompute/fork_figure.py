@@ -1,0 +1,67 @@
+"""The recovered shares as a figure."""
+
+from __future__ import annotations
+
+from html import escape
+
+from .forks import Contrast
+
+ROW, LABELS, PANEL, GAP, TOP = 22, 210, 300, 24, 62
+LOW, HIGH = -0.5, 1.5
+COLOURS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7"]
+
+
+def figure(pooled: dict[str, list[Contrast]], by_switch: dict[str, list[Contrast]]) -> str:
+    """A panel for each algorithm, a row for each treatment: the share over all switches with its interval, and a smaller
+    point for each switch."""
+    treatments = sorted({c.treatment for contrasts in pooled.values() for c in contrasts}, key=lambda name: (name.count("+"), name))
+    switches = sorted({c.switch for contrasts in by_switch.values() for c in contrasts})
+    height = TOP + ROW * len(treatments) + 44
+    width = LABELS + len(pooled) * (PANEL + GAP)
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" viewBox="0 0 {width} {height}" '
+        'font-family="sans-serif" font-size="12"><rect width="100%" height="100%" fill="white"/>',
+        '<text x="10" y="18" font-size="14">Share of the lost area that each treatment at a switch gives back</text>',
+    ]
+    for place, switch in enumerate(switches):
+        x = LABELS + 90 * place
+        parts.append(f'<circle cx="{x}" cy="34" r="3" fill="{COLOURS[place % len(COLOURS)]}"/><text x="{x + 8}" y="38">after stage {switch}</text>')
+    x = LABELS + 90 * len(switches)
+    parts.append(f'<circle cx="{x}" cy="34" r="5" fill="black"/><text x="{x + 10}" y="38">all, with 95% interval</text>')
+    for row, treatment in enumerate(treatments):
+        parts.append(f'<text x="{LABELS - 10}" y="{TOP + ROW * row + 16}" text-anchor="end">{escape(treatment)}</text>')
+    for panel, (name, contrasts) in enumerate(pooled.items()):
+        parts += _panel(panel, name, contrasts, by_switch.get(name, []), treatments, switches)
+    return "\n".join([*parts, "</svg>\n"])
+
+
+def _panel(
+    panel: int, name: str, contrasts: list[Contrast], single: list[Contrast], treatments: list[str], switches: list[str]
+) -> list[str]:
+    left = LABELS + panel * (PANEL + GAP)
+
+    def x(share: float) -> float:
+        return left + PANEL * (min(max(share, LOW), HIGH) - LOW) / (HIGH - LOW)
+
+    bottom = TOP + ROW * len(treatments)
+    parts = [f'<text x="{left + PANEL / 2}" y="{TOP - 6}" text-anchor="middle" font-weight="bold">{escape(name)}</text>']
+    for tick in (-0.5, 0, 0.2, 0.8, 1, 1.5):
+        dashed = ' stroke-dasharray="3 3"' if tick in (0.2, 0.8) else ""
+        colour = "#bbb" if tick in (-0.5, 1.5) else "#666"
+        parts.append(f'<line x1="{x(tick)}" x2="{x(tick)}" y1="{TOP}" y2="{bottom}" stroke="{colour}"{dashed}/>')
+        parts.append(f'<text x="{x(tick)}" y="{bottom + 16}" text-anchor="middle" font-size="10">{tick:g}</text>')
+    parts.append(f'<text x="{left + PANEL / 2}" y="{bottom + 34}" text-anchor="middle">recovered share</text>')
+    for c in single:
+        if c.share is not None and c.treatment in treatments:
+            colour = COLOURS[switches.index(c.switch) % len(COLOURS)]
+            y = TOP + ROW * treatments.index(c.treatment) + 5 + 4 * switches.index(c.switch)
+            parts.append(f'<circle cx="{x(c.share)}" cy="{y}" r="3" fill="{colour}"/>')
+    for c in contrasts:
+        y = TOP + ROW * treatments.index(c.treatment) + 11
+        if c.share is None:
+            parts.append(f'<text x="{x(0)}" y="{y + 4}" font-size="10">no loss</text>')
+            continue
+        if c.bounds:
+            parts.append(f'<line x1="{x(c.bounds[0])}" x2="{x(c.bounds[1])}" y1="{y}" y2="{y}" stroke="black" stroke-width="2"/>')
+        parts.append(f'<circle cx="{x(c.share)}" cy="{y}" r="5" fill="black"/>')
+    return parts

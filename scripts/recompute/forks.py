@@ -1,0 +1,225 @@
+"""What treatments at a switch give back: docs/results/why/protocol.md, written from its definitions."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import itertools
+import math
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from . import numbers as n
+
+# A recovered share above, below and above which a treatment is sufficient, excluded and more than enough.
+SUFFICIENT, EXCLUDED, HELPS = 0.8, 0.2, 1.0
+LEVEL = 0.025
+# The treatment that makes a new agent, and the names of the three factors as the study's grid writes them.
+FRESH = "weights-fresh+optimizer-fresh"
+WEIGHTS, OPTIMIZER = "weights-fresh", "optimizer-fresh"
+
+Values = dict[int, float]
+
+
+@dataclass
+class Algorithm:
+    """One arm of the study: values by treatment, stage and measure, each of them by seed. The curriculum is ''."""
+
+    name: str
+    values: dict[tuple[str, int, str], Values] = field(default_factory=lambda: defaultdict(dict))
+    scratch: dict[tuple[str, str], Values] = field(default_factory=lambda: defaultdict(dict))
+    level: dict[int, str] = field(default_factory=dict)
+
+    def treatments(self) -> list[str]:
+        return sorted({treatment for treatment, _, _ in self.values if treatment})
+
+    def switches(self) -> list[int]:
+        """The stages after which there are forks."""
+        return sorted({stage - 1 for treatment, stage, _ in self.values if treatment})
+
+    def area(self, treatment: str, switch: int) -> Values:
+        return self.values.get((treatment, switch + 1, "area"), {})
+
+
+@dataclass
+class Contrast:
+    """A treatment at one switch, or over all of them, against the curriculum and the new agent."""
+
+    treatment: str
+    switch: str
+    seeds: int
+    warm: float
+    treated: float
+    fresh: float
+    share: float | None
+    bounds: n.Bounds
+    loss: float
+    p: dict[str, float]
+    gain: tuple[float, n.Bounds]
+    adjusted: dict[str, float] = field(default_factory=dict)
+
+    def verdict(self) -> str:
+        if self.share is None:
+            return "no loss"
+        holds = [rule for rule in ("sufficient", "excluded", "helps") if self.adjusted[rule] < LEVEL]
+        words = {"sufficient": "sufficient", "excluded": "excluded", "helps": "the past helps"}
+        return ", ".join(words[rule] for rule in holds) or "undecided"
+
+
+def read(path: Path) -> dict[str, Algorithm]:
+    """The arms of a seeds.csv, or of one that is compressed."""
+    opener = gzip.open if path.suffix == ".gz" else open
+    algorithms: dict[str, Algorithm] = {}
+    with opener(path, "rb") as file:
+        for row in csv.DictReader(io.TextIOWrapper(file, encoding="utf-8", newline="")):
+            if not row["stage"]:
+                continue
+            # "ppo, after 0: last-fresh" and "ppo (from scratch)" belong to ppo.
+            name = row["arm"].split(", after ")[0].removesuffix(" (from scratch)")
+            algorithm = algorithms.setdefault(name, Algorithm(name))
+            stage, seed, value = int(row["stage"]), int(row["seed"]), float(row["value"])
+            if row["sequence"].startswith("level-"):
+                algorithm.scratch[row["level"], row["measure"]][seed] = value
+                continue
+            treatment = row["treatment"]
+            if treatment:
+                after, treatment = treatment.removeprefix("after-").split(":", 1)
+                # Later stages of a fork are no outcome of the switch.
+                if stage != int(after) + 1:
+                    continue
+            if row["measure"] == "timesteps":
+                algorithm.level[stage] = row["level"]
+            algorithm.values[treatment, stage, row["measure"]][seed] = value
+    return {name: algorithm for name, algorithm in algorithms.items() if algorithm.switches()}
+
+
+def _above(values: Sequence[float]) -> float:
+    """The p-value of Student's one-sided test that the mean is above 0."""
+    p = n.p_value(values)
+    if p is None:
+        return 0.0 if values[0] > 0 else 1.0
+    return p / 2 if n.mean(values) > 0 else 1 - p / 2
+
+
+def _t_interval(values: Sequence[float]) -> n.Bounds:
+    if len(values) < 2:
+        return None
+    half = n.t_quantile(0.975, len(values) - 1) * n.deviation(values, without=1) / math.sqrt(len(values))
+    return n.mean(values) - half, n.mean(values) + half
+
+
+def fieller(treated: Sequence[float], fresh: Sequence[float]) -> n.Bounds:
+    """Fieller's interval of mean(treated) / mean(fresh), paired; none where it has no end."""
+    size = len(treated)
+    x, y = n.mean(treated), n.mean(fresh)
+
+    def product(one: Sequence[float], other: Sequence[float]) -> float:
+        middle, middle_other = n.mean(one), n.mean(other)
+        return sum((a - middle) * (b - middle_other) for a, b in zip(one, other)) / (size - 1) / size
+
+    t = n.t_quantile(0.975, size - 1) ** 2
+    a, b, c = y * y - t * product(fresh, fresh), x * y - t * product(treated, fresh), x * x - t * product(treated, treated)
+    if a <= 0:
+        return None
+    root = math.sqrt(max(b * b - a * c, 0.0))
+    return (b - root) / a, (b + root) / a
+
+
+def _contrast(treatment: str, switch: str, warm: Values, treated: Values, fresh: Values) -> Contrast | None:
+    seeds = sorted(warm.keys() & treated.keys() & fresh.keys())
+    if len(seeds) < 2:
+        return None
+    gained = [treated[seed] - warm[seed] for seed in seeds]
+    lost = [fresh[seed] - warm[seed] for seed in seeds]
+    rest = [treated[seed] - fresh[seed] for seed in seeds]
+
+    def beyond(share: float) -> list[float]:
+        return [x - share * y for x, y in zip(gained, lost)]
+
+    loss = _above(lost)
+    bounds = fieller(gained, lost)
+    is_lost = loss < LEVEL and bounds is not None
+    return Contrast(
+        treatment,
+        switch,
+        len(seeds),
+        n.mean([warm[seed] for seed in seeds]),
+        n.mean([treated[seed] for seed in seeds]),
+        n.mean([fresh[seed] for seed in seeds]),
+        n.mean(gained) / n.mean(lost) if is_lost else None,
+        bounds if is_lost else None,
+        loss,
+        {
+            "sufficient": _above(beyond(SUFFICIENT)),
+            "excluded": _above([-value for value in beyond(EXCLUDED)]),
+            "helps": _above(beyond(HELPS)),
+        },
+        (n.mean(rest), _t_interval(rest)),
+    )
+
+
+def _adjust(contrasts: list[Contrast]) -> list[Contrast]:
+    """Holm over all treatments and rules of a family."""
+    told = [contrast for contrast in contrasts if contrast.share is not None]
+    p = {f"{place} {rule}": value for place, c in enumerate(told) for rule, value in c.p.items()}
+    adjusted = n.holm(p)
+    for place, contrast in enumerate(told):
+        contrast.adjusted = {rule: adjusted[f"{place} {rule}"] for rule in contrast.p}
+    return contrasts
+
+
+def over_switches(algorithm: Algorithm, treatment: str, switches: list[int]) -> Values:
+    """The mean area over the switches, of the seeds that have all of them."""
+    areas = [algorithm.area(treatment, switch) for switch in switches]
+    seeds = set.intersection(*(set(area) for area in areas)) if areas else set()
+    return {seed: n.mean([area[seed] for area in areas]) for seed in seeds}
+
+
+def pooled(algorithm: Algorithm) -> list[Contrast]:
+    """The primary family: every treatment over all switches."""
+    switches = algorithm.switches()
+    warm, fresh = (over_switches(algorithm, of, switches) for of in ("", FRESH))
+    others = [treatment for treatment in algorithm.treatments() if treatment != FRESH]
+    contrasts = (
+        _contrast(treatment, "all", warm, over_switches(algorithm, treatment, switches), fresh) for treatment in others
+    )
+    return _adjust([contrast for contrast in contrasts if contrast])
+
+
+def by_switch(algorithm: Algorithm) -> list[Contrast]:
+    """The secondary family: every treatment at every switch."""
+    contrasts = []
+    for switch in algorithm.switches():
+        warm, fresh = algorithm.area("", switch), algorithm.area(FRESH, switch)
+        for treatment in algorithm.treatments():
+            if treatment != FRESH:
+                treated = algorithm.area(treatment, switch)
+                contrasts.append(_contrast(treatment, str(switch), warm, treated, fresh))
+    return _adjust([contrast for contrast in contrasts if contrast])
+
+
+def effects(algorithm: Algorithm) -> Iterator[tuple[str, float, n.Bounds, int]]:
+    """Main effects and interactions of the 2 x 2 x 2 design on the area, over all switches: difference of the means of
+    the cells whose product of signs is + and of those where it is -."""
+    switches = algorithm.switches()
+    scaled = [name for name in algorithm.treatments() if name.endswith("-0.02") and "+" not in name]
+    if len(scaled) != 1:
+        return
+    factors = [WEIGHTS, OPTIMIZER, scaled[0]]
+    cells = {}
+    for on in itertools.product((False, True), repeat=3):
+        name = "+".join(factor for factor, is_on in zip(factors, on) if is_on)
+        cells[on] = over_switches(algorithm, name, switches)
+    seeds = sorted(set.intersection(*(set(cell) for cell in cells.values())))
+    if len(seeds) < 2:
+        return
+    for chosen in itertools.chain.from_iterable(itertools.combinations(range(3), size) for size in (1, 2, 3)):
+        def of(seed: int) -> float:
+            signs = {on: math.prod(1 if on[place] else -1 for place in chosen) for on in cells}
+            return sum(sign * cells[on][seed] for on, sign in signs.items()) / 4
+
+        values = [of(seed) for seed in seeds]
+        yield " × ".join(factors[place] for place in chosen), n.mean(values), _t_interval(values), len(seeds)
