@@ -47,7 +47,7 @@ pub enum Choose {
     /// The arg max, ties to the lowest index.
     Greedy,
     /// As an agent behaves while it trains, drawn from this stream.
-    Sampled(Behaviour, Stream),
+    Sampled(Behaviour, Box<Stream>),
 }
 
 impl Choose {
@@ -58,13 +58,14 @@ impl Choose {
     pub fn in_training(behaviour: Behaviour, agent: &AgentState, stage: u16, level: &Level) -> Self {
         let when_and_where = [&agent.counters.timesteps.to_le_bytes(), level.to_map().as_bytes()].concat();
         let place = crc32fast::hash(&when_and_where);
-        Self::Sampled(behaviour, Stream::new(agent.seed, stage, Purpose::SampledEvaluation { place }))
+        let stream = Stream::new(agent.seed, stage, Purpose::SampledEvaluation { place });
+        Self::Sampled(behaviour, Box::new(stream))
     }
 
     fn action(&mut self, outputs: &[f32]) -> Action {
         match self {
             Self::Greedy => greedy(outputs),
-            Self::Sampled(behaviour, stream) => behaviour.choose(outputs, stream),
+            Self::Sampled(behaviour, stream) => behaviour.choose(outputs, &mut **stream),
         }
     }
 }
@@ -174,7 +175,7 @@ mod tests {
                 let mut parameters = config.agent(&level, seed as u64).parameters;
                 // Louder than at first, so that the policy has opinions: it walks about before it goes round.
                 parameters.iter_mut().for_each(|parameter| *parameter *= 3.0);
-                let stream = || Stream::new(0, 0, Purpose::EvaluationActions);
+                let stream = || Box::new(Stream::new(0, 0, Purpose::EvaluationActions));
                 let sampled = |behaviour| move || Choose::Sampled(behaviour, stream());
                 let (softmax, epsilon) = (sampled(Behaviour::Sampled), sampled(Behaviour::EpsilonGreedy(0.05)));
                 let ways: [&dyn Fn() -> Choose; 3] = [&|| Choose::Greedy, &softmax, &epsilon];

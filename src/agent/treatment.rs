@@ -82,13 +82,12 @@ impl Place {
 impl Parts {
     /// Where they lie in the flat slice.
     fn ranges(&self, network: &Network) -> Vec<Range<usize>> {
-        match self {
+        let tensors = match self {
             Self::Nothing => Vec::new(),
-            Self::All => vec![0..network.num_parameters()],
-            Self::Places(places) => {
-                places.iter().flat_map(|place| place.tensors(network)).map(|tensor| tensor.range).collect()
-            }
-        }
+            Self::All => network.tensors(),
+            Self::Places(places) => places.iter().flat_map(|place| place.tensors(network)).collect(),
+        };
+        tensors.into_iter().map(|tensor| tensor.range).collect()
     }
 }
 

@@ -87,7 +87,7 @@ impl EvalArgs {
             }
             let starts = self.starts.starts();
             let mut choose = if self.stochastic {
-                Choose::Sampled(model.behaviour, Stream::new(self.starts.seed, 0, Purpose::EvaluationActions))
+                Choose::Sampled(model.behaviour, Box::new(Stream::new(self.starts.seed, 0, Purpose::EvaluationActions)))
             } else {
                 Choose::Greedy
             };
