@@ -34,6 +34,7 @@ class Algorithm:
     level: dict[int, str] = field(default_factory=dict)
 
     def treatments(self) -> list[str]:
+        """All but the curriculum's own."""
         return sorted({treatment for treatment, _, _ in self.values if treatment})
 
     def switches(self) -> list[int]:
@@ -87,6 +88,8 @@ def read(path: Path) -> dict[str, Algorithm]:
             treatment = row["treatment"]
             if treatment:
                 after, treatment = treatment.removeprefix("after-").split(":", 1)
+                # The control of a fork is the curriculum once more.
+                treatment = "" if treatment == "none" else treatment
                 # Later stages of a fork are no outcome of the switch.
                 if stage != int(after) + 1:
                     continue
@@ -223,3 +226,67 @@ def effects(algorithm: Algorithm) -> Iterator[tuple[str, float, n.Bounds, int]]:
 
         values = [of(seed) for seed in seeds]
         yield " × ".join(factors[place] for place in chosen), n.mean(values), _t_interval(values), len(seeds)
+
+
+# What is shown of an agent before the first update of the stage after the switch, on states that it visits there.
+SHOWN = [
+    "policy_entropy/visited",
+    "logit_scale/visited",
+    "action_gap/visited",
+    "policy.1/saturated_units/visited",
+    "value.1/saturated_units/visited",
+    "q.1/dormant_0.1/visited",
+    "policy.1/effective_rank/visited",
+    "value.1/effective_rank/visited",
+    "q.1/effective_rank/visited",
+    "policy.1/weight_magnitude",
+    "q.1/weight_magnitude",
+]
+
+
+def _ranks(values: Sequence[float]) -> list[float]:
+    """Ranks from 1, ties sharing their mean."""
+    ordered = sorted(values)
+    first = {value: place for place, value in reversed(list(enumerate(ordered, 1)))}
+    return [first[value] + (ordered.count(value) - 1) / 2 for value in values]
+
+
+def rank_correlation(one: Sequence[float], other: Sequence[float]) -> float | None:
+    """Spearman's; none where either is the same throughout."""
+    a, b = _ranks(one), _ranks(other)
+    spread = n.deviation(a) * n.deviation(b)
+    if spread == 0:
+        return None
+    return n.mean([x * y for x, y in zip(a, b)]) / spread - n.mean(a) * n.mean(b) / spread
+
+
+def measures(algorithm: Algorithm, before: Algorithm) -> Iterator[tuple[str, dict[str, float], float | None, n.Bounds, int]]:
+    """Each measure at the switch: its mean over seeds and switches by treatment, and its rank correlation with the area
+    over the treatments. That is of each seed and switch, then the mean over switches, with an interval over seeds."""
+    switches = algorithm.switches()
+    treatments = ["", *algorithm.treatments()]
+    for name in SHOWN:
+        found = {
+            (treatment, switch): before.values.get((treatment, switch + 1, f"before/plasticity/{name}"), {})
+            for treatment in treatments
+            for switch in switches
+        }
+        means = {}
+        for treatment in treatments:
+            values = [value for switch in switches for value in found[treatment, switch].values()]
+            if values:
+                means[treatment] = n.mean(values)
+        if len(means) < len(treatments):
+            continue
+        by_seed: dict[int, list[float]] = defaultdict(list)
+        for switch in switches:
+            areas = {treatment: algorithm.area(treatment, switch) for treatment in treatments}
+            for seed in set.intersection(*(set(areas[t]) & set(found[t, switch]) for t in treatments)):
+                correlation = rank_correlation(
+                    [found[t, switch][seed] for t in treatments], [areas[t][seed] for t in treatments]
+                )
+                if correlation is not None:
+                    by_seed[seed].append(correlation)
+        correlations = [n.mean(values) for values in by_seed.values()]
+        mean = n.mean(correlations) if correlations else None
+        yield name, means, mean, _t_interval(correlations), len(correlations)

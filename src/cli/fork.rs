@@ -39,7 +39,8 @@ A treatment is any combination of
   optimizer: fresh            Adam's state from zero; or such a list
   scale: {policy.2: 0.02}     weights and biases of a layer or tower, multiplied
   target: keep                DQN's target network: follow (it is treated too), keep, or renew (a copy of the network)
-  set: [ent_coef=0.1]         settings")]
+  set: [ent_coef=0.1]         settings
+It may have a name: 'unsure: {scale: {policy.2: 0.02}}'")]
 pub struct ForkArgs {
     /// The parents: directories of runs through a curriculum, or folders of such runs.
     #[arg(value_name = "RUN", required = true)]

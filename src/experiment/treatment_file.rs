@@ -112,14 +112,28 @@ pub(super) fn forks(node: &Node, source: &Source<'_>, parent: &Parent<'_>) -> Re
     Ok(forks.collect())
 }
 
-/// A treatment as the command line says it, and the settings that follow from it; its name says what it does.
+/// A treatment as the command line says it, and the settings that follow from it. It may be written under a name, as in a
+/// study file; else its name says what it does.
 ///
 /// # Errors
 /// The first thing that cannot be taken, with its place in the text.
 pub fn parse_treatment(text: &str, config: &Config, level: &Level) -> Result<(Treatment, Config), UserError> {
     let source = Source { path: Path::new("--treatment") };
     let node = source.parse(text)?;
-    let (treatment, config) = read(&node, &source, &Parent { config, level, stages: usize::MAX })?;
+    let parent = Parent { config, level, stages: usize::MAX };
+    let named = match &node.content {
+        Content::Map(entries) => match &entries[..] {
+            [(name, _, treatment @ Node { content: Content::Map(_), .. })] => {
+                (!known_keys(config).contains(&name.as_str())).then_some((name, treatment))
+            }
+            _ => None,
+        },
+        _ => None,
+    };
+    let (mut treatment, config) = read(named.map_or(&node, |(_, treatment)| treatment), &source, &parent)?;
+    if let Some((name, _)) = named {
+        treatment.name.clone_from(name);
+    }
     check_name(&treatment.name).map_err(|problem| source.refuse(node.at, problem))?;
     Ok((treatment, config))
 }

@@ -222,7 +222,10 @@ fn a_fork_may_have_timesteps_of_its_own() {
     let sandbox = Sandbox::new();
     sandbox.write("s.yaml", study("ppo", "{after: 0, timesteps: 128, treatments: {none: {}}}"));
     sandbox.succeeds("study s.yaml --seeds 0");
-    sandbox.succeeds("fork runs/s --after 1 --timesteps 64 --treatment {}");
+    sandbox.succeeds(
+        r#"fork runs/s --after 1 --timesteps 64 --treatment {} --treatment {"halved":{"scale":{"policy":0.5}}}"#,
+    );
+    assert_eq!(sandbox.run("fork/ppo/curriculum+after-1+halved/seed-0").manifest()["fork"]["name"], "halved");
     let timesteps = |run: RunFiles| {
         let stages = run.manifest()["stages"].clone();
         let of_stage = |stage: &Value| stage["timesteps"].as_u64().expect("a number");

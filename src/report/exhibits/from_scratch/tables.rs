@@ -19,7 +19,7 @@ fn notes(analysis: &Analysis, contrasts: &[Contrast]) -> Vec<String> {
     };
     let estimates: Vec<(usize, Estimate)> = contrasts.iter().flat_map(estimates).collect();
     let mut notes = vec![
-        "Paired by seed. Differences are curriculum - from scratch: below 0 the curriculum learns worse. Where few \
+        "Paired by seed; on later levels a pair shares its first weights alone. Differences are curriculum - from scratch: below 0 the curriculum learns worse. Where few \
          runs from scratch get far, the level is hard, and shows no loss of plasticity. The curriculum's first level \
          is the same training as from scratch: no seed can do better there."
             .to_owned(),
