@@ -6,8 +6,8 @@ from html import escape
 
 from .forks import Contrast
 
-ROW, LABELS, PANEL, GAP, TOP = 22, 210, 300, 24, 62
-LOW, HIGH = -0.5, 1.5
+ROW, LABELS, PANEL, GAP, TOP = 22, 320, 300, 24, 62
+LOW, HIGH = -0.75, 1.75
 COLOURS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7"]
 
 
@@ -24,9 +24,9 @@ def figure(pooled: dict[str, list[Contrast]], by_switch: dict[str, list[Contrast
         '<text x="10" y="18" font-size="14">Share of the lost area that each treatment at a switch gives back</text>',
     ]
     for place, switch in enumerate(switches):
-        x = LABELS + 90 * place
+        x = LABELS + 110 * place
         parts.append(f'<circle cx="{x}" cy="34" r="3" fill="{COLOURS[place % len(COLOURS)]}"/><text x="{x + 8}" y="38">after stage {switch}</text>')
-    x = LABELS + 90 * len(switches)
+    x = LABELS + 110 * len(switches)
     parts.append(f'<circle cx="{x}" cy="34" r="5" fill="black"/><text x="{x + 10}" y="38">all, with 95% interval</text>')
     for row, treatment in enumerate(treatments):
         parts.append(f'<text x="{LABELS - 10}" y="{TOP + ROW * row + 16}" text-anchor="end">{escape(treatment)}</text>')

@@ -75,9 +75,11 @@ def read(path: Path) -> dict[str, Algorithm]:
     opener = gzip.open if path.suffix == ".gz" else open
     algorithms: dict[str, Algorithm] = {}
     with opener(path, "rb") as file:
-        for row in csv.DictReader(io.TextIOWrapper(file, encoding="utf-8", newline="")):
-            if not row["stage"]:
-                continue
+        rows = [row for row in csv.DictReader(io.TextIOWrapper(file, encoding="utf-8", newline="")) if row["stage"]]
+    # A stage is evaluated on all levels; its outcome is that on its own.
+    trained = {(row["arm"], row["sequence"], row["stage"], row["level"]) for row in rows if row["measure"] == "timesteps"}
+    for row in rows:
+        if (row["arm"], row["sequence"], row["stage"], row["level"]) in trained:
             # "ppo, after 0: last-fresh" and "ppo (from scratch)" belong to ppo.
             name = row["arm"].split(", after ")[0].removesuffix(" (from scratch)")
             algorithm = algorithms.setdefault(name, Algorithm(name))

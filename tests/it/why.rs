@@ -14,23 +14,30 @@ const AREAS: [[f64; 3]; 5] =
 /// The 97.5% quantile of Student's t with four degrees of freedom, from a printed table.
 const QUANTILE: f64 = 2.776_445;
 
+/// What the script writes.
+const TABLES: [&str; 7] = ["verdicts", "switches", "effects", "measures", "correlations", "times", "fresh-and-scratch"];
+
 /// Rows of a table of the script, by column.
 type Rows = Vec<BTreeMap<String, String>>;
 
 /// What the script says of a seeds.csv; none where there is no Python.
-fn verdicts(sandbox: &Sandbox, seeds: &Path) -> Option<BTreeMap<&'static str, Rows>> {
+fn verdicts(sandbox: &Sandbox, seeds: &Path, before: Option<&Path>) -> Option<BTreeMap<&'static str, Rows>> {
     let script = Path::new(ROOT).join("scripts/recompute-why");
     let out = sandbox.path("verdicts");
-    let output = Command::new("python3").arg(script).arg(seeds).arg("--out").arg(&out).output().ok()?;
+    let mut command = Command::new("python3");
+    command.arg(script).arg(seeds).arg("--out").arg(&out);
+    before.into_iter().for_each(|before| _ = command.arg("--before").arg(before));
+    let output = command.output().ok()?;
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let table = |name: &'static str| {
-        let mut reader = csv::Reader::from_path(out.join(format!("{name}.csv"))).expect("a table");
-        let rows: Rows = reader.deserialize().map(|row| row.expect("a row")).collect();
-        (name, rows)
-    };
+    let tables = TABLES.into_iter().map(|name| (name, rows(&out.join(format!("{name}.csv"))))).collect();
     let figure = fs::read_to_string(out.join("recovered.svg")).expect("a figure");
     assert!(figure.starts_with("<svg") && figure.trim_end().ends_with("</svg>"));
-    Some(["verdicts", "switches", "effects", "times", "fresh-and-scratch"].into_iter().map(table).collect())
+    Some(tables)
+}
+
+fn rows(file: &Path) -> Rows {
+    let mut reader = csv::Reader::from_path(file).expect("a table");
+    reader.deserialize().map(|row| row.expect("a row")).collect()
 }
 
 fn number(row: &BTreeMap<String, String>, column: &str) -> f64 {
@@ -61,7 +68,7 @@ fn shares_and_intervals_are_what_their_definition_says() {
     }
     let file = sandbox.path("seeds.csv");
     fs::write(&file, seeds).expect("writable");
-    let Some(tables) = verdicts(&sandbox, &file) else {
+    let Some(tables) = verdicts(&sandbox, &file, None) else {
         println!("skipped: no python3");
         return;
     };
@@ -97,7 +104,7 @@ fn a_study_of_forks_is_trained_reported_and_judged() {
     let options = "--timesteps 4096 --num-seeds 2 --plasticity-interval 0 --jobs 2";
     sandbox.succeeds(&format!("study {} {options}", file.display()));
     sandbox.succeeds("compare runs/why-dqn --out report");
-    let Some(tables) = verdicts(&sandbox, &sandbox.path("report/seeds.csv")) else {
+    let Some(tables) = verdicts(&sandbox, &sandbox.path("report/seeds.csv"), None) else {
         println!("skipped: no python3");
         return;
     };
@@ -106,4 +113,29 @@ fn a_study_of_forks_is_trained_reported_and_judged() {
     // The new agent is what the nine other treatments are compared with.
     assert_eq!((of("verdicts"), of("switches")), (9, 4 * 9));
     assert_eq!((of("effects"), of("fresh-and-scratch"), of("times")), (7, 4, 4 * 11));
+}
+
+/// The tables of docs/results/why follow from the numbers of single seeds beside them.
+#[test]
+fn the_published_tables_follow_from_the_published_seeds() {
+    let sandbox = Sandbox::new();
+    let folder = Path::new(ROOT).join("docs/results/why");
+    let Some(tables) = verdicts(&sandbox, &folder.join("seeds.csv.gz"), Some(&folder.join("before.csv.gz"))) else {
+        println!("skipped: no python3");
+        return;
+    };
+    for (name, found) in tables {
+        let published = rows(&folder.join("tables").join(format!("{name}.csv")));
+        assert!(!published.is_empty() && found.len() == published.len(), "{name}");
+        for (found, published) in found.iter().zip(&published) {
+            for (column, expected) in published {
+                let value = &found[column];
+                let close = |a: f64, b: f64| (a - b).abs() <= 1e-9 * b.abs().max(1e-6);
+                let alike = value.parse().ok().zip(expected.parse().ok()).is_some_and(|(a, b)| close(a, b));
+                assert!(alike || value == expected, "{name}: {column}: {value} is not {expected}");
+            }
+        }
+    }
+    let figure = |folder: &Path| fs::read_to_string(folder.join("recovered.svg")).expect("a figure");
+    assert_eq!(figure(&sandbox.path("verdicts")), figure(&folder));
 }
