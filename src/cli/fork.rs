@@ -126,6 +126,10 @@ impl ForkArgs {
                 }
             }
         }
+        if paths.is_empty() {
+            let problem = "none of these runs goes through a curriculum without being a fork: name one that does";
+            return Err(UserError::new(problem).into());
+        }
         paths.sort_by(|(one, _), (other, _)| one.cmp(other));
         paths.dedup_by(|(one, _), (other, _)| one == other);
         paths.into_iter().map(|(path, manifest)| self.parent(path, manifest)).collect()
@@ -142,10 +146,10 @@ impl ForkArgs {
             let problem = match stages {
                 0 | 1 => "the run has one stage, and none after it: fork a run through a curriculum".to_owned(),
                 _ => format!(
-                    "--after {} --stages {} needs {ends} stages, and the run has {stages}: --after can be 0 to {}",
+                    "--after {} --stages {} needs {ends} stages, and the run has {stages}: the two together can be at most {}",
                     self.after,
                     self.stages,
-                    stages - 2
+                    stages - 1
                 ),
             };
             return refuse(problem);

@@ -77,6 +77,7 @@ pub(super) fn forks(node: &Node, source: &Source<'_>, parent: &Parent<'_>) -> Re
         for (name, at, node) in node.map(source, "fork: treatments")? {
             check_name(name).map_err(|problem| source.refuse(*at, format_args!("fork: treatments: {problem}")))?;
             let (treatment, config) = read(node, source, parent)?;
+            check_none(name, &treatment).map_err(|problem| source.refuse(*at, problem))?;
             add(Treatment { name: name.clone(), ..treatment }, config, node)?;
         }
     }
@@ -132,10 +133,19 @@ pub fn parse_treatment(text: &str, config: &Config, level: &Level) -> Result<(Tr
     };
     let (mut treatment, config) = read(named.map_or(&node, |(_, treatment)| treatment), &source, &parent)?;
     if let Some((name, _)) = named {
+        check_none(name, &treatment).map_err(|problem| source.refuse(node.at, problem))?;
         treatment.name.clone_from(name);
     }
     check_name(&treatment.name).map_err(|problem| source.refuse(node.at, problem))?;
     Ok((treatment, config))
+}
+
+/// Keeps the control's name for the control.
+fn check_none(name: &str, treatment: &Treatment) -> Result<(), String> {
+    if name == NONE && !treatment.is_none() {
+        return Err(format!("{NONE} is the name of the control, which is {{}}: choose another"));
+    }
+    Ok(())
 }
 
 /// Reads a treatment; refuses one that says something, and yet changes nothing.

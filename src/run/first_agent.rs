@@ -50,6 +50,6 @@ pub(super) fn stage_agent(
     if own && whole && alike {
         Ok(agent)
     } else {
-        Err(format!("{}: not the checkpoint that this run wrote", file.display()))
+        Err(format!("{}: not a checkpoint of this seed, stage and level that fits the run", file.display()))
     }
 }

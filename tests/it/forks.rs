@@ -187,6 +187,7 @@ fn what_cannot_be_forked_is_refused_with_its_place() {
         ("{after: 0, treatments: {x: {set: [\"hidden=[4]\"]}}}", "the agent comes with [8], which cannot become [4]"),
         ("{after: 0, treatments: {\"a b\": {}}}", "fork: treatments: name: expected 1 to 64 letters"),
         ("{after: 0, grid: {scale: [{policy.1: 2}, {policy.1: 2}]}}", "policy.1-2 stands twice"),
+        ("{after: 0, treatments: {none: {weights: fresh}}}", "none is the name of the control"),
         ("{after: 0, grid: {sacle: [{policy.1: 2}]}}", "did you mean \"scale\"?"),
     ];
     for (fork, says) in cases {
@@ -203,10 +204,14 @@ fn what_cannot_be_forked_is_refused_with_its_place() {
     sandbox.succeeds("train --config ppo.yaml --level a.yaml --timesteps 64");
     let parent = "runs/curriculum/ppo/curriculum/seed-0";
     let cases = [
-        (format!("fork {parent} --after 1 --treatment {{}}"), "--after can be 0 to 0"),
+        (
+            format!("fork {parent} --after 1 --treatment {{}}"),
+            "needs 3 stages, and the run has 2: the two together can be at most 1",
+        ),
         (format!("fork {parent} --after 0 --treatment {{"), "--treatment:1"),
         (format!("fork {parent} --after 0 --treatment warm"), "expected a mapping"),
         ("fork runs/train/ppo/level-a/seed-0 --after 0 --treatment {}".to_owned(), "the run has one stage"),
+        ("fork runs/train --after 0 --treatment {}".to_owned(), "the run has one stage"),
         ("fork nowhere --after 0 --treatment {}".to_owned(), "cannot list nowhere"),
         (format!("fork {parent} --after 0 --treatment {{}} --treatment {{}}"), "two of these forks would lie there"),
     ];

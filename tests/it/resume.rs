@@ -284,7 +284,12 @@ fn a_checkpoint_of_another_network_fails_its_own_seed_alone() {
     checkpoint.agent = AgentState::new(&checkpoint.network, 1, &[]);
     checkpoint.write(&path).expect("writable");
     let error = sandbox.fails(2, &format!("{command} --resume"));
-    assert!(error.contains("stage-0.safetensors: not the checkpoint that this run wrote; put it back"), "{error}");
+    assert!(
+        error.contains(
+            "stage-0.safetensors: not a checkpoint of this seed, stage and level that fits the run; put it back"
+        ),
+        "{error}"
+    );
     assert_eq!(runs.map(|run| run.manifest()["stages_done"].clone()), [2, 1]);
 }
 

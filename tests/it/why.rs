@@ -59,12 +59,16 @@ fn shares_and_intervals_are_what_their_definition_says() {
     let mut seeds = "arm,sequence,treatment,seed,stage,level,measure,value\n".to_owned();
     for (seed, [warm, treated, fresh]) in AREAS.into_iter().enumerate() {
         let fork = |name: &str, area: f64| {
-            format!("\"x, after 0: {name}\",curriculum,after-0:{name},{seed},1,b,area,{area}\n")
+            let row = |measure: &str, value: f64| {
+                format!("\"x, after 0: {name}\",curriculum,after-0:{name},{seed},1,b,{measure},{value}\n")
+            };
+            row("area", area) + &row("timesteps", 9.0)
         };
         seeds += &format!("x,curriculum,,{seed},1,b,area,{warm}\nx,curriculum,,{seed},1,b,timesteps,9\n");
         seeds += &fork("policy.2-0.02", treated);
         seeds += &fork("weights-fresh+optimizer-fresh", fresh);
-        seeds += &format!("x (from scratch),level-b,,{seed},0,b,area,{}\n", fresh + 0.01);
+        let scratch = format!("x (from scratch),level-b,,{seed},0,b");
+        seeds += &format!("{scratch},area,{}\n{scratch},timesteps,9\n", fresh + 0.01);
     }
     let file = sandbox.path("seeds.csv");
     fs::write(&file, seeds).expect("writable");
