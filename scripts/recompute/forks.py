@@ -32,6 +32,7 @@ class Algorithm:
     values: dict[tuple[str, int, str], Values] = field(default_factory=lambda: defaultdict(dict))
     scratch: dict[tuple[str, str], Values] = field(default_factory=lambda: defaultdict(dict))
     level: dict[int, str] = field(default_factory=dict)
+    sequences: set[str] = field(default_factory=set)
 
     def treatments(self) -> list[str]:
         """All but the curriculum's own."""
@@ -87,6 +88,7 @@ def read(path: Path) -> dict[str, Algorithm]:
             if row["sequence"].startswith("level-"):
                 algorithm.scratch[row["level"], row["measure"]][seed] = value
                 continue
+            algorithm.sequences.add(row["sequence"])
             treatment = row["treatment"]
             if treatment:
                 after, treatment = treatment.removeprefix("after-").split(":", 1)
@@ -98,7 +100,12 @@ def read(path: Path) -> dict[str, Algorithm]:
             if row["measure"] == "timesteps":
                 algorithm.level[stage] = row["level"]
             algorithm.values[treatment, stage, row["measure"]][seed] = value
-    return {name: algorithm for name, algorithm in algorithms.items() if algorithm.switches()}
+    forked = {name: algorithm for name, algorithm in algorithms.items() if algorithm.switches()}
+    for name, algorithm in forked.items():
+        if len(algorithm.sequences) > 1:
+            sequences = ", ".join(sorted(algorithm.sequences))
+            raise ValueError(f"{path}: {name} has several sequences ({sequences}): give a seeds.csv of one")
+    return forked
 
 
 def _above(values: Sequence[float]) -> float:
