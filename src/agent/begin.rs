@@ -16,7 +16,8 @@ impl Snapshot {
     /// The beginning of a stage, with an agent as it comes out of the stage before.
     pub fn beginning(config: &Config, stage: &Stage, mut agent: AgentState) -> Self {
         let shared = &config.shared;
-        config.mitigations.begin_stage(&config.network(&stage.level), &mut agent, stage.index);
+        let copies = config.algorithm.copies();
+        config.mitigations.begin_stage(&config.network(&stage.level), &mut agent, copies, stage.index);
         let stream = |purpose| Stream::new(agent.seed, stage.index, purpose);
         let starts = (0..shared.num_envs as u32).map(|i| stream(Purpose::Environment(i))).collect();
         let envs = VecEnv::new(stage.level.clone(), shared.max_steps, starts);

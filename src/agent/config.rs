@@ -154,7 +154,8 @@ impl Config {
     /// The mitigations at work on these agents in a stage.
     pub fn regimen<'a>(&self, stage: &Stage, agents: impl Iterator<Item = &'a AgentState>) -> Regimen {
         let network = self.network(&stage.level);
-        Regimen::new(&self.mitigations, &self.shared.optimizer, network, stage.index, agents)
+        let copies = self.algorithm.copies();
+        Regimen::new(&self.mitigations, &self.shared.optimizer, network, copies, stage.index, agents)
     }
 
     /// The copies of its parameters that an agent carries in a stage, by name: the algorithm's, and what a pull draws to.

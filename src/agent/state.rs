@@ -1,6 +1,7 @@
 //! What an agent carries from one stage to the next.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
@@ -74,11 +75,37 @@ impl AgentState {
             counters: Counters::default(),
         }
     }
+
+    /// Multiplies parameters, also in the copies of these names.
+    pub fn scale(&mut self, range: &Range<usize>, factor: f32, copies: &[&str]) {
+        for slice in self.slices(copies) {
+            slice[range.clone()].iter_mut().for_each(|value| *value *= factor);
+        }
+    }
+
+    /// Replaces parameters by those in `new`, `[P]`, also in the copies of these names.
+    pub fn replace(&mut self, range: &Range<usize>, new: &[f32], copies: &[&str]) {
+        for slice in self.slices(copies) {
+            slice[range.clone()].copy_from_slice(&new[range.clone()]);
+        }
+    }
+
+    /// The parameters, and the copies of these names, `[P]` each.
+    fn slices<'a>(&'a mut self, copies: &[&str]) -> impl Iterator<Item = &'a mut Vec<f32>> {
+        let named = self.kept.copies.iter_mut().filter(|(name, _)| copies.contains(&name.as_str()));
+        named.map(|(_, copy)| copy).chain([&mut self.parameters])
+    }
 }
 
 impl AdamState {
     /// The state before the first step of `len` parameters.
     pub fn new(len: usize) -> Self {
         Self { exp_avg: vec![0.0; len], exp_avg_sq: vec![0.0; len], step: 0 }
+    }
+
+    /// Sets both moments of these parameters to 0.
+    pub fn clear_moments(&mut self, range: &Range<usize>) {
+        self.exp_avg[range.clone()].fill(0.0);
+        self.exp_avg_sq[range.clone()].fill(0.0);
     }
 }

@@ -108,23 +108,16 @@ impl Treatment {
             agent.kept.lists.clear();
             agent.kept.numbers.clear();
         }
-        let is_followed = |name: &String| self.copies.get(name).is_none_or(|of_copy| *of_copy == OfCopy::Follow);
-        let is_algorithms = |name: &String| algorithm.copies().contains(&name.as_str());
+        // θ₀ of a penalty is no copy of the network as it is now, and stays.
+        let is_followed = |name: &&str| self.copies.get(*name).is_none_or(|of_copy| *of_copy == OfCopy::Follow);
+        let copies: Vec<&str> = algorithm.copies().iter().copied().filter(is_followed).collect();
         for range in self.weights.ranges(network) {
-            let followed = agent.kept.copies.iter_mut().filter(|(name, _)| is_followed(name));
-            for slice in followed.map(|(_, copy)| copy).chain([&mut agent.parameters]) {
-                slice[range.clone()].copy_from_slice(&new[range.clone()]);
-            }
+            agent.replace(&range, &new, &copies);
         }
         for (place, factor) in &self.scales {
             let scaled = |tensor: &TensorPlace| [".weight", ".bias"].iter().any(|end| tensor.name.ends_with(end));
             for tensor in place.tensors(network).filter(scaled) {
-                // θ₀ of a penalty is no copy of the network as it is now, and stays.
-                let copies = agent.kept.copies.iter_mut();
-                let followed = copies.filter(|(name, _)| is_algorithms(name) && is_followed(name));
-                for slice in followed.map(|(_, copy)| copy).chain([&mut agent.parameters]) {
-                    slice[tensor.range.clone()].iter_mut().for_each(|value| *value *= *factor as f32);
-                }
+                agent.scale(&tensor.range, *factor as f32, &copies);
             }
         }
         for (name, copy) in &mut agent.kept.copies {
@@ -136,8 +129,7 @@ impl Treatment {
             Parts::All => agent.adam = AdamState::new(agent.parameters.len()),
             parts => {
                 for range in parts.ranges(network) {
-                    agent.adam.exp_avg[range.clone()].fill(0.0);
-                    agent.adam.exp_avg_sq[range].fill(0.0);
+                    agent.adam.clear_moments(&range);
                 }
             }
         }

@@ -7,9 +7,9 @@ use coverage_env::Level;
 use cpp_rl::agent::config::{self, Config};
 use cpp_rl::agent::dqn::{DqnLoss, Transitions};
 use cpp_rl::agent::engine::{Engine, EngineKind};
-use cpp_rl::agent::mitigation::Patient;
+use cpp_rl::agent::mitigation::{Mitigations, Patient};
 use cpp_rl::agent::snapshot::Snapshot;
-use cpp_rl::agent::state::AgentState;
+use cpp_rl::agent::state::{AdamState, AgentState};
 use cpp_rl::agent::{self, Stage};
 use cpp_rl::random::{Purpose, Stream};
 use serde_json::Value;
@@ -170,6 +170,75 @@ fn shrink_and_perturb_by_hand() {
     assert_eq!(Snapshot::beginning(&config, &stage(2), counted).agent.parameters, switched.parameters);
 }
 
+/// An agent in which nothing is as in a new one, with and without a mitigation at a switch of levels.
+fn switched(algo: &str, sets: &[&str]) -> (Config, AgentState, AgentState) {
+    let sets: Vec<String> = sets.iter().map(|&set| set.to_owned()).collect();
+    let config = config::resolve(Some(algo), None, &sets, None).expect("valid settings");
+    let mut agent = config.agent(&level(), 9);
+    agent.parameters.iter_mut().for_each(|p| *p += 1.0);
+    agent.kept.copies.values_mut().for_each(|copy| copy.fill(3.0));
+    agent.adam.exp_avg.fill(6.0);
+    agent.adam.exp_avg_sq.fill(7.0);
+    agent.adam.step = 8;
+    let stage = |index| Stage { index, level: level(), timesteps: 1, horizon: 1 };
+    let first = Snapshot::beginning(&config, &stage(0), agent.clone()).agent;
+    assert_eq!(first, agent, "the first stage is no switch");
+    let after = Snapshot::beginning(&config, &stage(2), agent.clone()).agent;
+    (config, agent, after)
+}
+
+#[test]
+fn a_head_is_rescaled_by_hand() {
+    for algo in ["ppo", "dqn"] {
+        let (config, before, after) = switched(algo, &["mitigations=[head-rescale]", "head_rescale_factor=0.5"]);
+        let network = config.network(&level());
+        let head = network.acting().blocks().last().expect("a layer").range();
+        let halved = |values: &[f32]| -> Vec<f32> {
+            values.iter().enumerate().map(|(at, v)| if head.contains(&at) { 0.5 * v } else { *v }).collect()
+        };
+        assert_eq!(after.parameters, halved(&before.parameters));
+        assert_eq!(after.adam, before.adam);
+        for (name, copy) in &before.kept.copies {
+            assert_eq!(after.kept.copies[name], halved(copy), "{name} follows");
+        }
+    }
+}
+
+#[test]
+fn adam_is_reset_whole_or_in_its_count_alone() {
+    for algo in ["ppo", "dqn"] {
+        let (_, before, after) = switched(algo, &["mitigations=[adam-reset]"]);
+        assert_eq!((&after.parameters, &after.kept), (&before.parameters, &before.kept));
+        assert_eq!(after.adam, AdamState::new(before.parameters.len()));
+        let (_, before, after) = switched(algo, &["mitigations=[adam-rel]"]);
+        assert_eq!(after, AgentState { adam: AdamState { step: 0, ..before.adam.clone() }, ..before });
+    }
+}
+
+#[test]
+fn layers_are_reset_from_the_last() {
+    for (algo, layers) in [("ppo", 1), ("ppo", 9), ("dqn", 2), ("dqn", 3)] {
+        let (config, before, after) = switched(algo, &["mitigations=[reset]", &format!("reset_layers={layers}")]);
+        let network = config.network(&level());
+        let new = network.init(&mut Stream::new(9, 2, Purpose::Mitigation { number: 4, step: 0 }));
+        let resets = |at: usize| {
+            let blocks = |tower: usize| network.towers()[tower].mlp.blocks();
+            let last = |tower| &blocks(tower)[blocks(tower).len().saturating_sub(layers)..];
+            (0..network.towers().len()).any(|tower| last(tower).iter().any(|block| block.range().contains(&at)))
+        };
+        for (at, new) in new.into_iter().enumerate() {
+            let is_new = resets(at);
+            assert_eq!(after.parameters[at], if is_new { new } else { before.parameters[at] });
+            let moments = (after.adam.exp_avg[at], after.adam.exp_avg_sq[at]);
+            assert_eq!(moments, if is_new { (0.0, 0.0) } else { (6.0, 7.0) });
+            for copy in after.kept.copies.values() {
+                assert_eq!(copy[at], if is_new { new } else { 3.0 });
+            }
+        }
+        assert_eq!(after.adam.step, if layers >= 3 { 0 } else { 8 });
+    }
+}
+
 /// A column of CReLU's units is reset as a whole: both values that leave it.
 #[test]
 fn a_unit_of_crelu_is_silenced_in_both_of_its_values() {
@@ -179,7 +248,7 @@ fn a_unit_of_crelu_is_silenced_in_both_of_its_values() {
     let mut agent = config.agent(&level(), 0);
     agent.parameters.fill(7.0);
     let new = vec![2.0; agent.parameters.len()];
-    let mut patient = Patient { network: &network, agent: &mut agent, stage: 0, step: 0 };
+    let mut patient = Patient { network: &network, agent: &mut agent, copies: &[], stage: 0, step: 0 };
     patient.renew_incoming(0, 0, 1, &new);
     patient.silence_outgoing(0, 0, 1);
     let [first, last] = network.acting().blocks() else { panic!("two layers") };
@@ -201,7 +270,7 @@ fn a_mitigated_agent_goes_on_with_the_same_bits() {
     let small = ["hidden=[6]", "max_steps=10", "learning_rate=1e-2"];
     let ppo = ["n_steps=32", "batch_size=8", "n_epochs=2"];
     let dqn = ["batch_size=4", "buffer_size=200", "learning_starts=10", "target_update_interval=50"];
-    for mitigation in ["l2-init", "shrink-perturb", "redo"] {
+    for mitigation in ["l2-init", "shrink-perturb", "reset", "head-rescale", "adam-reset", "adam-rel", "redo"] {
         for (algo, own) in [("ppo", &ppo[..]), ("dqn", &dqn[..])] {
             let mut sets: Vec<String> = small.iter().chain(own).map(|&set| set.to_owned()).collect();
             let plain = config::resolve(Some(algo), None, &sets, None).expect("valid settings");
@@ -235,12 +304,25 @@ fn train(config: &Config, stop: Option<usize>) -> Snapshot {
 }
 
 #[test]
+fn every_mitigation_has_a_row_in_its_document() {
+    let document = std::fs::read_to_string(format!("{}/docs/mitigations.md", crate::ROOT)).expect("a document");
+    for name in Mitigations::known() {
+        assert!(document.contains(&format!("\n| `{name}` | ")), "{name} is not in docs/mitigations.md");
+    }
+}
+
+#[test]
 fn settings_of_mitigations_are_explained() {
     let refused = |set: &str| config::resolve(Some("ppo"), None, &[set.to_owned()], None).unwrap_err().to_string();
     let error = refused("redo_threshold=0.1");
     assert!(error.contains("list it with mitigations=[redo]"), "{error}");
     let error = refused("mitigations=[redoo]");
-    assert!(error.contains("a list of different names out of l2-init, shrink-perturb, redo"), "{error}");
+    assert!(
+        error.contains(
+            "a list of different names out of l2-init, shrink-perturb, reset, head-rescale, adam-reset, adam-rel, redo"
+        ),
+        "{error}"
+    );
     let both = ["mitigations=[l2-init]", "l2=adam", "l2_coef=0.1"].map(str::to_owned);
     let error = config::resolve(Some("ppo"), None, &both, None).unwrap_err().to_string();
     assert!(error.contains("l2 and l2-init cannot pull at once"), "{error}");

@@ -33,6 +33,8 @@ pub trait Mitigation: Settings + Any + Debug + Send + Sync {
     }
     /// Acts at the beginning of a stage, the first included.
     fn begin_stage(&self, _patient: &mut Patient<'_>) {}
+    /// Acts at a switch of levels: at the beginning of every stage but the first.
+    fn at_switch(&self, _patient: &mut Patient<'_>) {}
     /// Whether it ever acts between gradient steps; only then are steps counted.
     fn acts_between_steps(&self) -> bool {
         false

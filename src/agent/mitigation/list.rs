@@ -16,6 +16,10 @@ const MITIGATIONS: &[fn() -> Box<dyn Mitigation>] = &[
     || Box::new(super::l2::L2Penalty::default()),
     || Box::new(super::l2_init::L2Init::default()),
     || Box::new(super::shrink_perturb::ShrinkPerturb::default()),
+    || Box::new(super::reset::Reset::default()),
+    || Box::new(super::head_rescale::HeadRescale::default()),
+    || Box::new(super::adam_reset::AdamReset),
+    || Box::new(super::adam_rel::AdamRel),
     || Box::new(super::redo::ReDo::default()),
 ];
 
@@ -70,11 +74,15 @@ impl Mitigations {
         }
     }
 
-    /// Lets each act on an agent at the beginning of a stage.
-    pub fn begin_stage(&self, network: &Network, agent: &mut AgentState, stage: u16) {
+    /// Lets each act on an agent at the beginning of a stage; `copies` names the algorithm's copies of its parameters.
+    pub fn begin_stage(&self, network: &Network, agent: &mut AgentState, copies: &[&str], stage: u16) {
         for mitigation in self.iter() {
             // Whatever else is listed, it draws the same: so no count of steps.
-            mitigation.begin_stage(&mut Patient { network, agent, stage, step: 0 });
+            let mut patient = Patient { network, agent, copies, stage, step: 0 };
+            mitigation.begin_stage(&mut patient);
+            if stage > 0 {
+                mitigation.at_switch(&mut patient);
+            }
         }
     }
 }

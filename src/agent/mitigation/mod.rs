@@ -4,6 +4,9 @@
 //! ([`Kept`](super::state::Kept)), so that checkpoints hold it and a killed run goes on with the same bits. It sees no
 //! engine: it names a [`Pull`](super::engine::Pull), or edits a [`Patient`].
 
+mod adam_rel;
+mod adam_reset;
+mod head_rescale;
 mod hooks;
 mod l2;
 mod l2_init;
@@ -11,6 +14,7 @@ mod list;
 mod patient;
 mod redo;
 mod regimen;
+mod reset;
 mod shrink_perturb;
 
 pub use hooks::Mitigation;

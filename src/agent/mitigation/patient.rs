@@ -24,6 +24,8 @@ pub struct Patient<'a> {
     pub network: &'a Network,
     /// The agent.
     pub agent: &'a mut AgentState,
+    /// The names of the algorithm's copies of its parameters, such as DQN's target network.
+    pub copies: &'a [&'a str],
     /// The stage's number.
     pub stage: u16,
     /// Gradient steps that the agent has made under mitigations which act between steps; 0 at the beginning of a stage.

@@ -14,6 +14,8 @@ pub struct Regimen {
     mitigations: Mitigations,
     optimizer: OptimizerConfig,
     network: Network,
+    /// The names of the algorithm's copies of its parameters.
+    copies: &'static [&'static str],
     stage: u16,
     /// Gradient steps of each agent so far, counted where mitigations act between them.
     steps: Vec<u64>,
@@ -27,11 +29,13 @@ impl Regimen {
         mitigations: &Mitigations,
         optimizer: &OptimizerConfig,
         network: Network,
+        copies: &'static [&'static str],
         stage: u16,
         agents: impl Iterator<Item = &'a AgentState>,
     ) -> Self {
         Self {
             network,
+            copies,
             stage,
             steps: agents.map(steps).collect(),
             counts_steps: mitigations.iter().any(Mitigation::acts_between_steps),
@@ -45,13 +49,14 @@ impl Regimen {
         if !self.counts_steps {
             return;
         }
-        let Self { mitigations, network, stage, steps, .. } = self;
+        let Self { mitigations, network, copies, stage, steps, .. } = self;
         for (s, step) in steps.iter_mut().enumerate() {
             *step += 1;
             for mitigation in mitigations.iter().filter(|mitigation| mitigation.acts_after(*step)) {
                 let units = if mitigation.reads_units() { engine.units(s) } else { Units::default() };
                 engine.edit(s, &mut |agent| {
-                    mitigation.after_step(&mut Patient { network, agent, stage: *stage, step: *step }, &units);
+                    let mut patient = Patient { network, agent, copies, stage: *stage, step: *step };
+                    mitigation.after_step(&mut patient, &units);
                 });
             }
         }

@@ -42,10 +42,7 @@ impl Mitigation for ShrinkPerturb {
         2
     }
 
-    fn begin_stage(&self, patient: &mut Patient<'_>) {
-        if patient.stage == 0 {
-            return;
-        }
+    fn at_switch(&self, patient: &mut Patient<'_>) {
         let new = patient.network.init(&mut patient.stream(self.number()));
         let (shrink, perturb) = (self.shrink as f32, self.perturb as f32);
         for (parameter, new) in patient.agent.parameters.iter_mut().zip(new) {
