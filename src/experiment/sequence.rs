@@ -22,8 +22,19 @@ pub struct Sequences {
     repeat: usize,
     /// None for the arm's setting.
     timesteps: Option<Timesteps>,
-    /// Whether each seed begins at a place of its own: the order is rotated by the seed.
-    shifts_by_seed: bool,
+    through: Through,
+}
+
+/// Which seeds go through which orders.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Through {
+    /// Every seed through every order.
+    #[default]
+    All,
+    /// The same, but each seed begins at a place of its own: an order is rotated by the seed.
+    Shifted,
+    /// Each seed through one order: seed s through that at place s, modulo their number.
+    InTurn,
 }
 
 /// One order of levels.
@@ -45,9 +56,9 @@ impl Sequences {
         orders: Vec<Order>,
         repeat: usize,
         timesteps: Option<Timesteps>,
-        shifts_by_seed: bool,
+        through: Through,
     ) -> Result<Self, UserError> {
-        let sequences = Self { orders, repeat, timesteps, shifts_by_seed };
+        let sequences = Self { orders, repeat, timesteps, through };
         let all: Vec<Arc<Level>> = sequences.orders.iter().flat_map(|order| order.levels.iter().cloned()).collect();
         curriculum::distinct(&all)?;
         let mut seen = BTreeSet::new();
@@ -116,7 +127,13 @@ impl Sequences {
         for (index, order) in self.orders.iter().enumerate() {
             let mut by_shift: BTreeMap<usize, Vec<u64>> = BTreeMap::new();
             for &seed in seeds {
-                let shift = if self.shifts_by_seed { (seed % order.levels.len() as u64) as usize } else { 0 };
+                let modulo = |number: usize| (seed % number as u64) as usize;
+                let shift = match self.through {
+                    Through::All => 0,
+                    Through::Shifted => modulo(order.levels.len()),
+                    Through::InTurn if modulo(self.orders.len()) == index => 0,
+                    Through::InTurn => continue,
+                };
                 by_shift.entry(shift).or_default().push(seed);
             }
             for (shift, seeds) in by_shift {
@@ -135,7 +152,7 @@ impl Sequences {
             let of_stages = own.of_stages(cycle * self.repeat, cycle).unwrap_or_default();
             for (stage, timesteps) in of_stages.into_iter().enumerate() {
                 // With shifts by seed every level comes at every place.
-                let timesteps = if self.shifts_by_seed { own.longest() } else { timesteps };
+                let timesteps = if self.through == Through::Shifted { own.longest() } else { timesteps };
                 let level = &order.levels[stage % cycle];
                 match levels.iter_mut().find(|(known, _)| known.name() == level.name()) {
                     Some((_, longest)) => *longest = timesteps.max(*longest),
@@ -161,17 +178,18 @@ impl Sequences {
     /// `curriculum` where there is only one; else the order's own name, its levels' names, or its number.
     fn name(&self, index: usize, shift: usize, levels: &[Arc<Level>]) -> String {
         let order = &self.orders[index];
-        let is_only = self.orders.len() == 1 && !self.shifts_by_seed;
+        let shifts = self.through == Through::Shifted;
+        let is_only = self.orders.len() == 1 && !shifts;
         let of_levels = order_name(levels);
         match (&order.name, of_levels) {
             (None, _) if is_only => ONLY.to_owned(),
-            (Some(name), _) if self.shifts_by_seed => format!("{name}-shift-{shift}"),
+            (Some(name), _) if shifts => format!("{name}-shift-{shift}"),
             (Some(name), _) => name.clone(),
             (None, Some(of_levels)) => of_levels,
             (None, None) => {
                 let digits = self.orders.len().to_string().len();
                 let number = format!("order-{:0digits$}", index + 1);
-                if self.shifts_by_seed { format!("{number}-shift-{shift}") } else { number }
+                if shifts { format!("{number}-shift-{shift}") } else { number }
             }
         }
     }
@@ -210,23 +228,24 @@ mod tests {
 
     #[test]
     fn one_sequence_is_the_curriculum_and_several_have_names() {
-        let one = Sequences::new(vec![order("a b a")], 1, None, false).unwrap();
+        let one = Sequences::new(vec![order("a b a")], 1, None, Through::All).unwrap();
         assert_eq!(all(&one, &[0, 3]), ["curriculum: a9 b9 a9 for [0, 3]"]);
         let named = Order { name: Some("back".to_owned()), levels: levels("b a") };
-        let two = Sequences::new(vec![order("a b"), named], 1, None, false).unwrap();
+        let two = Sequences::new(vec![order("a b"), named], 1, None, Through::All).unwrap();
         assert_eq!(all(&two, &[0]), ["order-ab: a9 b9 for [0]", "back: b9 a9 for [0]"]);
-        let dashes = Sequences::new(vec![order("a-b c"), order("c a-b")], 1, None, false).unwrap();
+        let dashes = Sequences::new(vec![order("a-b c"), order("c a-b")], 1, None, Through::All).unwrap();
         assert_eq!(all(&dashes, &[0]), ["order-1: a-b9 c9 for [0]", "order-2: c9 a-b9 for [0]"]);
-        let long = Sequences::new(vec![order("aa b"), order("b aa")], 1, None, false).unwrap();
+        let long = Sequences::new(vec![order("aa b"), order("b aa")], 1, None, Through::All).unwrap();
         assert_eq!(all(&long, &[0]), ["order-aa-b: aa9 b9 for [0]", "order-b-aa: b9 aa9 for [0]"]);
     }
 
     #[test]
     fn cycles_repeat_and_have_timesteps_by_stage() {
         let timesteps = Some(Timesteps::List(vec![1, 2]));
-        let cycles = Sequences::new(vec![order("a b")], 2, timesteps, false).unwrap();
+        let cycles = Sequences::new(vec![order("a b")], 2, timesteps, Through::All).unwrap();
         assert_eq!(all(&cycles, &[0]), ["curriculum: a1 b2 a1 b2 for [0]"]);
-        let each = Sequences::new(vec![order("a b")], 2, Some(Timesteps::List(vec![1, 2, 3, 4])), false).unwrap();
+        let each =
+            Sequences::new(vec![order("a b")], 2, Some(Timesteps::List(vec![1, 2, 3, 4])), Through::All).unwrap();
         assert_eq!(all(&each, &[0]), ["curriculum: a1 b2 a3 b4 for [0]"]);
         let alone: Vec<(String, u64)> =
             each.single_levels(9).iter().map(|(level, timesteps)| (level.name().to_owned(), *timesteps)).collect();
@@ -236,21 +255,30 @@ mod tests {
 
     #[test]
     fn a_seed_begins_at_its_own_place() {
-        let shifted = Sequences::new(vec![order("a b c")], 1, Some(Timesteps::List(vec![1, 2, 3])), true).unwrap();
+        let shifted =
+            Sequences::new(vec![order("a b c")], 1, Some(Timesteps::List(vec![1, 2, 3])), Through::Shifted).unwrap();
         let expected = ["order-abc: a1 b2 c3 for [0, 3]", "order-bca: b1 c2 a3 for [1, 4]"];
         assert_eq!(all(&shifted, &[0, 1, 3, 4]), expected);
         // Whatever seeds there are, the sequence has the same name.
         assert_eq!(all(&shifted, &[1]), ["order-bca: b1 c2 a3 for [1]"]);
         assert!(shifted.single_levels(9).iter().all(|(_, timesteps)| *timesteps == 3));
         let named = Order { name: Some("x".to_owned()), levels: levels("a b") };
-        let named = Sequences::new(vec![named], 1, None, true).unwrap();
+        let named = Sequences::new(vec![named], 1, None, Through::Shifted).unwrap();
         assert_eq!(all(&named, &[5]), ["x-shift-1: b9 a9 for [5]"]);
+    }
+
+    #[test]
+    fn seeds_take_orders_in_turn() {
+        let turns = Sequences::new(vec![order("a b"), order("b a")], 1, None, Through::InTurn).unwrap();
+        let expected = ["order-ab: a9 b9 for [0, 2]", "order-ba: b9 a9 for [5]"];
+        assert_eq!(all(&turns, &[0, 2, 5]), expected);
+        assert_eq!(all(&turns, &[1]), ["order-ba: b9 a9 for [1]"]);
     }
 
     #[test]
     fn what_is_not_possible_is_refused() {
         let refused = |orders: Vec<Order>, repeat, timesteps| {
-            Sequences::new(orders, repeat, timesteps, false).map(drop).unwrap_err().to_string()
+            Sequences::new(orders, repeat, timesteps, Through::All).map(drop).unwrap_err().to_string()
         };
         let named = |name: &str, levels: &str| Order { name: Some(name.to_owned()), ..order(levels) };
         assert!(refused(vec![order("a b"), order("a b")], 1, None).contains("[a, b] stands twice"));

@@ -10,12 +10,12 @@ use super::curriculum;
 use super::levels;
 use super::node::{Content, Node, Source};
 use super::orders::{num_permutations, permutations, williams};
-use super::sequence::{Order, Sequences};
+use super::sequence::{Order, Sequences, Through};
 use super::timesteps::{POSSIBLE, Timesteps};
 use crate::config::nearest;
 use crate::error::UserError;
 
-const KEYS: [&str; 5] = ["levels", "timesteps", "repeat", "order", "shift"];
+const KEYS: [&str; 6] = ["levels", "timesteps", "repeat", "order", "shift", "seeds"];
 /// The words that `order` can be.
 const ORDERS: [&str; 2] = ["all", "williams"];
 /// The most levels of which every order is made: 8! = 40,320 orders.
@@ -25,7 +25,7 @@ const MAX_BALANCED: usize = 1000;
 
 /// Levels one after another, each once.
 pub(super) fn plain(levels: Vec<Arc<Level>>) -> Result<Sequences, UserError> {
-    Sequences::new(vec![Order { name: None, levels }], 1, None, false)
+    Sequences::new(vec![Order { name: None, levels }], 1, None, Through::All)
 }
 
 /// Reads a sequence: a list of levels, or a mapping. `known` are the study's levels, and those that it orders where it
@@ -41,6 +41,16 @@ pub(super) fn read(node: &Node, source: &Source<'_>, known: &[Arc<Level>]) -> Re
     let repeat = fields.get("repeat").map_or(Ok(1), |node| node.integer(source, "repeat", 1..=u64::from(u16::MAX)))?;
     let timesteps = fields.get("timesteps").map(|node| timesteps(node, source)).transpose()?;
     let shift = fields.get("shift").map(|node| node.word(source, "shift", &["by-seed"])).transpose()?;
+    let seeds = fields.get("seeds").map(|node| node.word(source, "seeds", &["in-turn"])).transpose()?;
+    let through = match (shift, seeds) {
+        (None, None) => Through::All,
+        (Some(_), None) => Through::Shifted,
+        (None, Some(_)) => Through::InTurn,
+        (Some(_), Some(_)) => {
+            let at = fields.get("seeds").map_or(node.at, |node| node.at);
+            return Err(source.refuse(at, "seeds: in-turn and shift: by-seed cannot both be: drop one of the two"));
+        }
+    };
     let orders = match fields.get("order") {
         Some(node) => orders(node, source, &levels)?,
         None if levels.is_empty() => {
@@ -53,7 +63,7 @@ pub(super) fn read(node: &Node, source: &Source<'_>, known: &[Arc<Level>]) -> Re
         let part = KEYS.iter().find(|key| problem.to_string().starts_with(&format!("{key}: ")));
         part.and_then(|key| fields.get(key)).map_or(node.at, |node| node.at)
     };
-    Sequences::new(orders, repeat as usize, timesteps, shift.is_some())
+    Sequences::new(orders, repeat as usize, timesteps, through)
         .map_err(|problem| source.refuse(at(&problem), format_args!("sequence: {problem}")))
 }
 

@@ -93,6 +93,7 @@ fn orders_are_all_balanced_or_ones_own() {
     assert_eq!(names("{order: [[0, 1], [2, 0]]}", &[0]), ["order-01", "order-20"]);
     assert_eq!(names("{order: {there: [0, 1], back: [1, 0]}}", &[0]), ["there", "back"]);
     assert_eq!(names("{shift: by-seed}", &[0, 1, 3]), ["order-012", "order-120"]);
+    assert_eq!(names("{order: all, seeds: in-turn}", &[0, 3, 9]), ["order-012", "order-120"]);
     assert_eq!(names("{levels: [2, 0]}", &[0]), ["curriculum"]);
     assert_eq!(names("[2, 0]", &[0]), ["curriculum"]);
 }
@@ -193,6 +194,8 @@ fn mistakes_are_named_with_their_place() {
         (seq("{repeat: 0}"), "study.yaml:3:20: repeat: expected an integer from 1 to 65535, got 0"),
         (seq("{repeat: 65535}"), "study.yaml:3:11: sequence: 131070 stages are too many"),
         (seq("{shift: by-sed}"), "study.yaml:3:19: shift: expected by-seed, got \"by-sed\"; did you mean"),
+        (seq("{seeds: in-turns}"), "study.yaml:3:19: seeds: expected in-turn, got \"in-turns\"; did you mean"),
+        (seq("{shift: by-seed, seeds: in-turn}"), "study.yaml:3:35: seeds: in-turn and shift: by-seed cannot both be"),
         (seq("{cycles: 2}"), "study.yaml:3:12: unknown key \"cycles\" in sequence; known keys of sequence are levels"),
         (
             grid("{l2_cof: [1]}"),
