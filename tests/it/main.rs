@@ -9,6 +9,7 @@ mod arbitrary;
 mod beside;
 mod command_line;
 mod config_command;
+mod controls;
 mod dqn_schedule;
 mod fakes;
 mod faults;

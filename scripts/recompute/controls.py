@@ -1,0 +1,223 @@
+"""Age and orders: docs/results/why/protocol-2.md, sections 3 and 4, written from its definitions."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from . import numbers as n
+from .output import Row
+
+LEVEL = 0.05
+AREA, ENTROPY = "area", "before/plasticity/policy_entropy/visited"
+
+
+@dataclass
+class Arm:
+    """One arm: values by sequence, measure, seed and stage; those from scratch by level, measure and seed."""
+
+    values: dict[tuple[str, str, int, int], float] = field(default_factory=dict)
+    level: dict[tuple[str, int], str] = field(default_factory=dict)
+    scratch: dict[tuple[str, str], dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
+
+    def sequences(self) -> list[str]:
+        return sorted({sequence for sequence, _ in self.level})
+
+    def seeds(self, sequence: str) -> list[int]:
+        return sorted({seed for s, measure, seed, _ in self.values if (s, measure) == (sequence, AREA)})
+
+    def areas(self, sequence: str, seed: int) -> dict[int, tuple[str, float]]:
+        """Level and area of each stage."""
+        stages = range(1 + max(stage for s, stage in self.level if s == sequence))
+        return {stage: (self.level[sequence, stage], self.values[sequence, AREA, seed, stage]) for stage in stages}
+
+
+def read(path: Path) -> dict[str, Arm]:
+    """The arms of a seeds.csv without forks, or of one that is compressed."""
+    opener = gzip.open if path.suffix == ".gz" else open
+    with opener(path, "rb") as file:
+        rows = [row for row in csv.DictReader(io.TextIOWrapper(file, encoding="utf-8", newline="")) if row["stage"]]
+    trained = {(row["sequence"], row["stage"], row["level"]) for row in rows if row["measure"] == "timesteps"}
+    arms: dict[str, Arm] = {}
+    for row in rows:
+        sequence, stage, level = row["sequence"], row["stage"], row["level"]
+        if (sequence, stage, level) not in trained or row["treatment"]:
+            continue
+        arm = arms.setdefault(row["arm"].split(",")[0].removesuffix(" (from scratch)"), Arm())
+        seed, value = int(row["seed"]), float(row["value"])
+        if sequence.startswith("level-"):
+            arm.scratch[level, row["measure"]][seed] = value
+        else:
+            arm.level[sequence, int(stage)] = level
+            arm.values[sequence, row["measure"], seed, int(stage)] = value
+    return arms
+
+
+def estimate(values: list[float]) -> Row:
+    """Mean, t interval and number of values."""
+    if len(values) < 2:
+        return [values[0] if values else None, None, None, len(values)]
+    half = n.t_quantile(0.975, len(values) - 1) * n.deviation(values, without=1) / len(values) ** 0.5
+    return [n.mean(values), n.mean(values) - half, n.mean(values) + half, len(values)]
+
+
+def judged(contrasts: dict[str, list[float]], words: Callable[[str, float], str]) -> Iterator[Row]:
+    """Each contrast with its interval, its two-sided p-value after Holm's correction, and the verdict."""
+    p_values = {name: n.p_value(values) for name, values in contrasts.items()}
+    adjusted = n.holm({name: p for name, p in p_values.items() if p is not None})
+    for name, values in contrasts.items():
+        p = adjusted.get(name)
+        is_decided = p is not None and p < LEVEL
+        yield [name, *estimate(values), p, words(name, n.mean(values)) if is_decided else "undecided"]
+
+
+# --- 3. Age ----------------------------------------------------------------------------------------------------------
+
+AGES = ["young", "old", "curriculum"]
+
+
+def _aged(arm: Arm, age: str, stage: int, measure: str) -> dict[int, float]:
+    """Values of the stage that follows the switch, by seed."""
+    if age == "curriculum":
+        sequence, last = next(s for s in arm.sequences() if s.startswith("curriculum")), stage
+    else:
+        sequence, last = f"{age}-{stage}", stage if age == "old" else 1
+    found = ((seed, at, value) for (s, m, seed, at), value in arm.values.items() if (s, m) == (sequence, measure))
+    return {seed: value for seed, at, value in found if at == last}
+
+
+def has_ages(arm: Arm) -> bool:
+    return {"young-2", "old-2"} <= set(arm.sequences())
+
+
+def _stages(arm: Arm) -> list[int]:
+    return sorted(int(s.removeprefix("old-")) for s in arm.sequences() if s.startswith("old-"))
+
+
+def ages(arm: Arm) -> Iterator[Row]:
+    """Area and entropy at the switch by stage and age."""
+    for stage in _stages(arm):
+        for age in AGES:
+            areas, entropies = (list(_aged(arm, age, stage, measure).values()) for measure in (AREA, ENTROPY))
+            yield [stage, age, *estimate(areas), n.mean(entropies) if entropies else None]
+        yield [stage, "from scratch", *estimate(list(arm.scratch[str(stage), AREA].values())), None]
+
+
+def age_contrasts(arm: Arm) -> Iterator[Row]:
+    """The two contrasts over all stages, judged, and at each stage."""
+
+    def difference(one: str, other: str, stages: list[int]) -> list[float]:
+        pairs = [(_aged(arm, one, stage, AREA), _aged(arm, other, stage, AREA)) for stage in stages]
+        seeds = sorted(set.intersection(*(set(values) for pair in pairs for values in pair)))
+        return [n.mean([a[seed] - b[seed] for a, b in pairs]) for seed in seeds]
+
+    contrasts = {"old - young": ("old", "young"), "curriculum - old": ("curriculum", "old")}
+    words = {"old - young": "age matters", "curriculum - old": "other levels matter"}
+    pooled = {name: difference(*of, _stages(arm)) for name, of in contrasts.items()}
+    for row in judged(pooled, lambda name, _: words[name]):
+        yield ["all", *row]
+    for stage in _stages(arm):
+        for name, of in contrasts.items():
+            yield [stage, name, *estimate(difference(*of, [stage])), None, ""]
+
+
+# --- 4. Orders -------------------------------------------------------------------------------------------------------
+
+
+def has_orders(arm: Arm) -> bool:
+    return len([s for s in arm.sequences() if s.startswith("order-")]) > 1
+
+
+@dataclass
+class Life:
+    """One seed's levels and areas, stage by stage."""
+
+    seed: int
+    stages: list[tuple[str, float]]
+
+
+def lives(arm: Arm) -> list[Life]:
+    found = []
+    for sequence in arm.sequences():
+        for seed in arm.seeds(sequence):
+            stages = arm.areas(sequence, seed)
+            found.append(Life(seed, [stages[stage] for stage in sorted(stages)]))
+    return sorted(found, key=lambda life: life.seed)
+
+
+def _means(pairs: Iterator[tuple[object, float]]) -> dict[object, float]:
+    groups: dict[object, list[float]] = defaultdict(list)
+    for key, value in pairs:
+        groups[key].append(value)
+    return {key: n.mean(values) for key, values in groups.items()}
+
+
+def _slope(values: list[tuple[int, float]]) -> float:
+    x = n.mean([float(at) for at, _ in values])
+    return sum((at - x) * value for at, value in values) / sum((at - x) ** 2 for at, _ in values)
+
+
+def slopes(all_lives: list[Life]) -> dict[int, float]:
+    """Of the area over positions 1 to the last, the mean of each level over these subtracted; by seed."""
+    levels = _means((level, area) for life in all_lives for level, area in life.stages[1:])
+    return {
+        life.seed: _slope([(at, area - levels[level]) for at, (level, area) in enumerate(life.stages) if at > 0])
+        for life in all_lives
+    }
+
+
+def losses(all_lives: list[Life]) -> dict[int, float]:
+    """Mean area at positions 1 to the last minus that of the same levels at position 0; by seed. Levels that never stand
+    at position 0 are left out."""
+    first = _means(life.stages[0] for life in all_lives)
+    lost = {life.seed: [a - first[level] for level, a in life.stages[1:] if level in first] for life in all_lives}
+    return {seed: n.mean(values) for seed, values in lost.items() if values}
+
+
+def positions(arm: Arm) -> Iterator[Row]:
+    """Mean area by position and level."""
+    all_lives = lives(arm)
+    levels = sorted({level for life in all_lives for level, _ in life.stages})
+    for position in range(min(len(life.stages) for life in all_lives)):
+        here = [life.stages[position] for life in all_lives]
+        for level in levels:
+            yield [position, level, *estimate([area for of, area in here if of == level])]
+        yield [position, "all", *estimate([area for _, area in here])]
+
+
+def order_contrasts(arms: dict[str, Arm]) -> Iterator[Row]:
+    """Slope over positions and loss, of each arm and between the two."""
+    of = {name: (slopes(lives(arm)), losses(lives(arm))) for name, arm in arms.items()}
+    for name, (slope, loss) in of.items():
+        row = estimate(list(slope.values()))
+        verdict = "the loss grows" if row[2] is not None and row[2] < 0 else "no growth shown"
+        yield [name, "slope over positions 1 to the last", *row, verdict]
+        yield [name, "area with a past minus at position 0", *estimate(list(loss.values())), ""]
+    if len(of) == 2:
+        (one, first), (other, second) = of.items()
+        for title, a, b in zip(["slope", "loss"], first, second):
+            yield [f"{other} - {one}", title, *estimate([b[seed] - a[seed] for seed in sorted(a.keys() & b.keys())]), ""]
+
+
+def predecessors(arm: Arm) -> Iterator[Row]:
+    """What remains of the area of a level after another one, without the means of level and position."""
+    after = [
+        (life.seed, life.stages[at - 1][0], level, at, area)
+        for life in lives(arm)
+        for at, (level, area) in enumerate(life.stages)
+        if at > 0
+    ]
+    whole = n.mean([area for *_, area in after])
+    levels = _means((level, area) for _, _, level, _, area in after)
+    places = _means((at, area) for *_, at, area in after)
+    groups: dict[tuple[str, str], list[float]] = defaultdict(list)
+    for _, before, level, at, area in after:
+        groups[level, before].append(area - levels[level] - places[at] + whole)
+    for (level, before), values in sorted(groups.items()):
+        low, high = n.bootstrap([values], lambda scores: n.mean(scores[0])) or (None, None)
+        yield [level, before, n.mean(values), low, high, len(values)]
