@@ -156,11 +156,13 @@ impl Analysis {
         self.published.as_ref()?.column(map, *max_steps)
     }
 
-    /// How many stages an arm has in common with the paper's sequence, from the first on: what it learned before these
-    /// is what the paper's models had learned. 0 for runs from scratch.
+    /// How many stages an arm has in common with the paper's sequence: all of it, or all that the arm has where it is
+    /// shorter. What the arm learned before these is what the paper's models had learned. 0 for runs from scratch, and for
+    /// another order of the levels, even one that begins as the paper's does.
     pub fn stages_of_paper(&self, arm: &Arm) -> usize {
         let stages = arm.stages.iter().enumerate();
         let shared = stages.take_while(|(place, stage)| self.paper_column(stage.level) == Some(*place)).count();
-        if arm.protocol == Protocol::Curriculum { shared } else { 0 }
+        let whole = arm.stages.len().min(PAPER.levels.len());
+        if arm.protocol == Protocol::Curriculum && shared == whole { shared } else { 0 }
     }
 }
