@@ -123,23 +123,6 @@ def _t_interval(values: Sequence[float]) -> n.Bounds:
     return n.mean(values) - half, n.mean(values) + half
 
 
-def fieller(treated: Sequence[float], fresh: Sequence[float]) -> n.Bounds:
-    """Fieller's interval of mean(treated) / mean(fresh), paired; none where it has no end."""
-    size = len(treated)
-    x, y = n.mean(treated), n.mean(fresh)
-
-    def product(one: Sequence[float], other: Sequence[float]) -> float:
-        middle, middle_other = n.mean(one), n.mean(other)
-        return sum((a - middle) * (b - middle_other) for a, b in zip(one, other)) / (size - 1) / size
-
-    t = n.t_quantile(0.975, size - 1) ** 2
-    a, b, c = y * y - t * product(fresh, fresh), x * y - t * product(treated, fresh), x * x - t * product(treated, treated)
-    if a <= 0:
-        return None
-    root = math.sqrt(max(b * b - a * c, 0.0))
-    return (b - root) / a, (b + root) / a
-
-
 def _contrast(treatment: str, switch: str, warm: Values, treated: Values, fresh: Values) -> Contrast | None:
     seeds = sorted(warm.keys() & treated.keys() & fresh.keys())
     if len(seeds) < 2:
@@ -152,7 +135,7 @@ def _contrast(treatment: str, switch: str, warm: Values, treated: Values, fresh:
         return [x - share * y for x, y in zip(gained, lost)]
 
     loss = _above(lost)
-    bounds = fieller(gained, lost)
+    bounds = n.fieller(list(zip(gained, lost)))
     is_lost = loss < LEVEL and bounds is not None
     return Contrast(
         treatment,

@@ -117,14 +117,47 @@ def bootstrap_whole(scores: list[list[float]], statistic: Callable[[list[list[fl
 
 
 def ratio_of_means(pairs: Sequence[tuple[float, float]]) -> tuple[float, Bounds]:
-    """The mean numerator over the mean denominator, in every resample, too."""
+    """The mean numerator over the mean denominator, with the interval that docs/metrics.md gives so many pairs."""
 
     def ratio(pairs: Sequence[tuple[float, float]]) -> float:
         return sum(a for a, _ in pairs) / sum(b for _, b in pairs)
 
-    if len(pairs) < 2:
-        return ratio(pairs), None
+    bounds = fieller(pairs)
+    if len(pairs) < FEW or bounds is None:
+        return ratio(pairs), bounds
     return ratio(pairs), percentile([ratio([pairs[i] for i in taken]) for [taken] in draws((len(pairs),))])
+
+
+def fieller(pairs: Sequence[tuple[float, float]]) -> Bounds:
+    """Fieller's (1954) interval of the mean x over the mean y: the roots of t(r) = ±t, of Student's t of the mean of
+    d(r) = x - r y. None where it has no end, as where the mean of y is not told from 0."""
+    size = len(pairs)
+    if size < 2:
+        return None
+    above, below = [x for x, _ in pairs], [y for _, y in pairs]
+    x, y = mean(above), mean(below)
+
+    def product(one: Sequence[float], other: Sequence[float]) -> float:
+        middle, middle_other = mean(one), mean(other)
+        return sum((a - middle) * (b - middle_other) for a, b in zip(one, other)) / (size - 1) / size
+
+    t = t_quantile((1 + CONFIDENCE) / 2, size - 1) ** 2
+    a, b, c = y * y - t * product(below, below), x * y - t * product(above, below), x * x - t * product(above, above)
+    if a <= 0:
+        return None
+    root = math.sqrt(max(b * b - a * c, 0.0))
+    return (b - root) / a, (b + root) / a
+
+
+def median_interval(values: Sequence[float]) -> Bounds:
+    """The exact interval of a median: from the k-th lowest to the k-th highest, k as large as P(B < k) is at most 2.5%,
+    of a binomial B of n trials of probability 1/2. None where not even k = 1 is so."""
+    n, below, k = len(values), 0, 0
+    while k < n and (below + math.comb(n, k)) / 2**n <= (1 - CONFIDENCE) / 2:
+        below += math.comb(n, k)
+        k += 1
+    ordered = sorted(values)
+    return (ordered[k - 1], ordered[-k]) if k else None
 
 
 def mean_interval(values: Sequence[float]) -> Bounds:

@@ -53,6 +53,23 @@ def right_after_training(report: Report, checks: Checks) -> None:
             checks.number(f"{place} seeds", row.get(f"{column} seeds"), other)
 
 
+def returns(report: Report, checks: Checks) -> None:
+    """Mean, median and interquartile mean over seeds, level by level."""
+    name = "returns"
+    cells = {(arm, level): report.right_after(arm, "return", level) for arm in report.arms for level in report.levels}
+    cells = {key: list(values.values()) for key, values in cells.items() if values}
+    for (arm, level), row in _rows(checks, name, report.table(name), cells, ("arm", "level")):
+        place, values = f"{name}: {arm}, {level}", cells[arm, level]
+        checks.number(f"{place}, seeds", row["seeds"], len(values))
+        _interval(checks, place, row, "mean", n.mean(values), n.mean_interval(values))
+        _interval(checks, place, row, "median", n.median(values), n.median_interval(values))
+        bounds = n.bootstrap([values], lambda scores: n.interquartile_mean(scores[0]))
+        _interval(checks, place, row, "IQM", n.interquartile_mean(values), bounds)
+        normalised = list(report.right_after(arm, "normalised_return", level).values())
+        mean = n.mean(normalised) if normalised else None
+        _interval(checks, place, row, "mean, normalised", mean, n.mean_interval(normalised))
+
+
 def aggregates(report: Report, checks: Checks) -> None:
     """Normalised returns over levels."""
     name = "aggregates"
@@ -292,12 +309,18 @@ def treatments(report: Report, checks: Checks) -> None:
             before = report.after(untreated, "area", number, level)
             new = report.right_after(scratch, "area", level)
             if treated:
-                expected[fork, str(number)] = treated, before, new
+                finals = (
+                    report.after(untreated, "normalised_return", number, level),
+                    report.after(fork, "normalised_return", number, level),
+                    report.right_after(scratch, "normalised_return", level),
+                )
+                expected[fork, str(number)] = treated, before, new, finals
     for key, row in _rows(checks, name, report.table(name), expected, ("arm", "stage")):
-        place, (treated, before, new) = f"{name}: {key[0]}, stage {key[1]}", expected[key]
-        for column, values in (("area untreated", before), ("area treated", treated), ("area from scratch", new)):
-            values = [values[seed] for seed in treated if seed in values]
-            checks.number(f"{place}, {column}", row[column], n.mean(values) if values else None)
+        place, (treated, before, new, finals) = f"{name}: {key[0]}, stage {key[1]}", expected[key]
+        for measure, three in (("area", (before, treated, new)), ("final", finals)):
+            for way, values in zip(("untreated", "treated", "from scratch"), three):
+                values = [values[seed] for seed in three[1] if seed in values]
+                checks.number(f"{place}, {measure} {way}", row[f"{measure} {way}"], n.mean(values) if values else None)
         gains = [treated[seed] - before[seed] for seed in sorted(treated) if seed in before]
         _interval(checks, place, row, "treated - untreated", n.mean(gains) if gains else None, n.mean_interval(gains))
         seeds = [seed for seed in sorted(treated) if seed in before and seed in new]
@@ -306,7 +329,8 @@ def treatments(report: Report, checks: Checks) -> None:
         bounds = n.mean_interval(lost) if lost else None
         _interval(checks, place, row, "from scratch - untreated", n.mean(lost) if lost else None, bounds)
         is_lost = bounds is not None and not bounds[0] <= 0 <= bounds[1]
-        _interval(checks, place, row, "recovered share", *(n.ratio_of_means(pairs) if is_lost else (None, None)))
+        share, bounds = n.ratio_of_means(pairs) if is_lost else (None, None)
+        _interval(checks, place, row, "recovered share", share if bounds else None, bounds)
 
 
-ALL = (right_after_training, aggregates, continual_learning, against_from_scratch, treatments)
+ALL = (right_after_training, returns, aggregates, continual_learning, against_from_scratch, treatments)

@@ -127,6 +127,25 @@ fn no_share_is_told_where_nothing_is_known_to_be_lost() {
     assert!(Treatments::new(&analysis).stages[0].recovered_share.is_none());
 }
 
+/// What was lost is skewed, so that its studentised interval is above 0. Student's is not: by Fieller the share may be
+/// anything.
+#[test]
+fn no_share_is_told_where_its_interval_has_no_end() {
+    let curves: [fn(&str, f64) -> f64; 5] = [|_, _| 0.1, |_, _| 0.15, |_, _| 0.2, |_, _| 0.3, |_, _| 1.0];
+    let scratch = (0..5).map(|seed| Fake { seed, curve: curves[seed as usize], ..FROM_SCRATCH_B });
+    let analysis = analysis(&with_seeds(&[WARM, FORK], 5).into_iter().chain(scratch).collect::<Vec<_>>());
+    let [stage] = &Treatments::new(&analysis).stages[..] else { panic!("one stage") };
+    let lost = stage.lost.and_then(|lost| lost.interval).expect("an interval");
+    assert!(lost.low > 0.0, "{lost:?}");
+    assert!(stage.recovered_share.is_none(), "{:?}", stage.recovered_share);
+    let markdown = table(&analysis, "treatments", Format::Markdown);
+    assert!(markdown.contains("where the share's own would have no end"), "{markdown}");
+    // The share of the area that a past loses stands there without its interval.
+    let markdown = table(&analysis, "against-from-scratch", Format::Markdown);
+    assert!(markdown.contains("| 1.000 |") && markdown.contains("Relative losses: Fieller's interval."), "{markdown}");
+    assert!(markdown.contains("There is no interval where it would have no end"), "{markdown}");
+}
+
 #[test]
 fn forks_find_their_parents_among_namesakes() {
     // Two parents of one name and sequence, of differing settings: the parent's path tells which it is.

@@ -32,7 +32,7 @@ pub struct Interval {
 pub struct Estimate {
     /// The statistic of the runs as they are.
     pub value: f64,
-    /// Its interval; none where a task has fewer than two runs, or the value is no finite number.
+    /// Its interval; none of one run, and where the function that made it says so, as where the value is no number.
     pub interval: Option<Interval>,
     /// The least number of runs that a task has.
     pub runs: usize,

@@ -2,7 +2,8 @@
 //!
 //! [`mean_interval`] is Student's: exact for the mean of normal values. [`studentised_interval`] keeps its promise for
 //! skewed values, too, and is wider for it. [`interval_of_mean`] chooses by the number of values.
-//! [`prediction_interval`] tells where one new run may fall. docs/metrics.md has the coverage of all of them, which
+//! [`prediction_interval`] tells where one new run may fall. Ratios of means have an interval of their own, in
+//! [`ratio`](crate::ratio). docs/metrics.md has the coverage of all of them, which
 //! `cargo run --release --package rl-stats --example coverage` simulates.
 
 use crate::bootstrap::{percentile_interval, quantiles};

@@ -11,11 +11,14 @@
 //! **One run.** It has no spread: [`Estimate::interval`] is `None` as soon as a task has fewer than two runs.
 
 pub mod aggregate;
+mod binomial;
 mod bootstrap;
 pub mod continual;
 pub mod curve;
 pub mod few;
 pub mod pairs;
+pub mod ratio;
 
+pub use binomial::{LEAST_OF_MEDIAN, estimate_median, median_interval};
 pub use bootstrap::{Bootstrap, Estimate, Interval, Resamples, ShapeError, percentile_interval, quantile};
 pub use curve::Time;

@@ -1,11 +1,9 @@
 //! Two algorithms: unpaired as rliable compares them, and paired by seed.
 
 use crate::aggregate::mean_of;
+use crate::binomial::share_interval;
 use crate::few::{FEW, interval_of_mean};
-use crate::{Bootstrap, Estimate, Interval};
-
-/// A count of pairs this near a whole number is that number: what is missing to it is rounding.
-const ROUNDING: f64 = 1e-9;
+use crate::{Bootstrap, Estimate};
 
 /// The probability that a run of `x` scores above a run of `y` on the same task, a tie counting half; averaged over
 /// tasks. Runs are not paired.
@@ -33,7 +31,8 @@ pub fn estimate_probability_of_improvement(bootstrap: &Bootstrap, x: &[Vec<f64>]
     let runs = both.iter().map(Vec::len).min().unwrap_or(0);
     if runs < FEW {
         let value = probability_of_improvement(x, y);
-        let interval = (runs > 1 && value.is_finite()).then(|| exact(bootstrap.confidence, value * runs as f64, runs));
+        let interval =
+            (runs > 1 && value.is_finite()).then(|| share_interval(bootstrap.confidence, value * runs as f64, runs));
         return Estimate { value, interval, runs };
     }
     bootstrap.estimate(&both, |both| {
@@ -51,57 +50,8 @@ pub fn estimate_paired_improvement_share(confidence: f64, pairs: &[(f64, f64)]) 
     let above: Vec<f64> = pairs.iter().map(|&(x, y)| above(x, y)).collect();
     let value = mean_of(above.iter().copied());
     let (count, n) = (above.iter().sum::<f64>(), above.len());
-    let interval = (n > 1 && value.is_finite()).then(|| exact(confidence, count, n));
+    let interval = (n > 1 && value.is_finite()).then(|| share_interval(confidence, count, n));
     Estimate { value, interval, runs: n }
-}
-
-/// Clopper and Pearson's interval of `count` of `n`; from the lower bound of the count below to the upper bound of the
-/// one above where it lies between two.
-fn exact(confidence: f64, count: f64, n: usize) -> Interval {
-    let tail = (1.0 - confidence) / 2.0;
-    let upper = |count: f64| largest_share(count as usize, n, tail);
-    let whole = count.round();
-    let (below, above) = if (count - whole).abs() < ROUNDING { (whole, whole) } else { (count.floor(), count.ceil()) };
-    // What is counted above is the rest that is not counted below.
-    Interval { low: 1.0 - upper(n as f64 - below), high: upper(above) }
-}
-
-/// The largest probability with which at most `count` of `n` trials succeed with a chance of at least `tail`.
-fn largest_share(count: usize, n: usize, tail: f64) -> f64 {
-    if count == n {
-        return 1.0;
-    }
-    let (mut low, mut high) = (0.0, 1.0);
-    // Bisection to the last bit.
-    for _ in 0..f64::MANTISSA_DIGITS {
-        let middle = (low + high) / 2.0;
-        if at_most(count, n, middle) >= tail { low = middle } else { high = middle }
-    }
-    low
-}
-
-/// The chance of at most `count` successes in `n` trials of probability `p` in (0, 1).
-fn at_most(count: usize, n: usize, p: f64) -> f64 {
-    // Logarithms, or many trials would underflow.
-    let mut term = n as f64 * (1.0 - p).ln();
-    let mut sum = term.exp();
-    for k in 0..count {
-        term += ((n - k) as f64 / (k + 1) as f64).ln() + p.ln() - (1.0 - p).ln();
-        sum += term.exp();
-    }
-    sum
-}
-
-/// The mean numerator over the mean denominator of pairs `(numerator, denominator)`, one per seed, with its interval over
-/// pairs: in every resample, too, both are averaged before they are divided, so that one small denominator does not rule
-/// the result.
-pub fn estimate_ratio_of_means(bootstrap: &Bootstrap, pairs: &[(f64, f64)]) -> Estimate {
-    // The pairs' numbers are resampled, that a numerator stays with its denominator.
-    let places = [(0..pairs.len()).map(|place| place as f64).collect::<Vec<f64>>()];
-    bootstrap.estimate(&places, |places| {
-        let sum = |of: fn(&(f64, f64)) -> f64| places[0].iter().map(|&place| of(&pairs[place as usize])).sum::<f64>();
-        sum(|pair| pair.0) / sum(|pair| pair.1)
-    })
 }
 
 /// The mean of the paired differences `x − y`, with its interval over pairs.
@@ -159,7 +109,7 @@ mod tests {
         assert_eq!((all.value, all.runs, high), (1.0, 5, 1.0));
         assert!((low - 0.025_f64.powf(0.2)).abs() < 1e-9, "{low}");
         // 0.6 · 5 is a little above 3, and still 3 of 5.
-        let tied = exact(0.95, 0.6 * 5.0 + 1e-15, 5);
+        let tied = share_interval(0.95, 0.6 * 5.0 + 1e-15, 5);
         assert_eq!((tied.low, tied.high), share(3, 5));
         let one = estimate_probability_of_improvement(&Bootstrap::default(), &[vec![1.0]], &[vec![0.0, 2.0]]);
         assert_eq!((one.value, one.interval), (0.5, None));
@@ -194,18 +144,5 @@ mod tests {
         assert_eq!((tied.value, low, high), (0.5, share(2, 5).0, share(3, 5).1));
         assert_eq!(estimate_paired_improvement_share(0.95, &[(1.0, 0.0)]).interval, None);
         assert_eq!(estimate_paired_improvement_share(0.95, &[(f64::NAN, 0.0), (1.0, 0.0)]).interval, None);
-    }
-
-    #[test]
-    fn a_ratio_is_of_means_and_not_a_mean_of_ratios() {
-        // The mean of the ratios is (100 + 1/3) / 2; a seed with next to no denominator must not rule it.
-        let ratio = estimate_ratio_of_means(&Bootstrap::default(), &[(1.0, 0.01), (1.0, 3.0)]);
-        assert_eq!(ratio.value, 2.0 / (0.01 + 3.0));
-        let interval = ratio.interval.unwrap();
-        // Half of the resamples hold one of each, a quarter twice the first, a quarter twice the second.
-        assert_eq!((interval.low, interval.high), (1.0 / 3.0, 100.0));
-        let constant = estimate_ratio_of_means(&Bootstrap::default(), &[(1.0, 2.0), (2.0, 4.0), (4.0, 8.0)]);
-        assert_eq!(constant.interval, Some(Interval { low: 0.5, high: 0.5 }));
-        assert_eq!(estimate_ratio_of_means(&Bootstrap::default(), &[(1.0, 2.0)]).interval, None);
     }
 }

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use rl_stats::aggregate::{self, interquartile_mean, median_run};
+use rl_stats::aggregate::{self, interquartile_mean};
 use rl_stats::pairs::estimate_mean;
-use rl_stats::{Bootstrap, Estimate, Time};
+use rl_stats::{Bootstrap, Estimate, Time, estimate_median};
 use serde::Serialize;
 
 use super::conventions::THRESHOLDS;
@@ -123,7 +123,7 @@ impl LevelOutcome {
             std: (seeds.len() > 1).then_some(std),
             solved_share: mean_std(&all(|seed| seed.solved_share)).0,
             return_mean: estimate_mean(bootstrap, returns[0].clone()),
-            return_median: bootstrap.estimate(&returns, median_run),
+            return_median: estimate_median(bootstrap.confidence, returns[0].clone()),
             return_iqm: bootstrap.estimate(&returns, interquartile_mean),
             normalised: estimate(|seed| seed.normalised),
             optimality_gap: estimate(|seed| seed.normalised.map(optimality_gap)),

@@ -4,7 +4,8 @@
 use std::collections::BTreeMap;
 
 use charts::{About, Axis, Curve, CurveChart, CurvePanel, HeatMap, HeatPanel, Layout, Reference, Width};
-use rl_stats::pairs::{estimate_mean, estimate_ratio_of_means};
+use rl_stats::pairs::estimate_mean;
+use rl_stats::ratio::estimate_ratio_of_means;
 use rl_stats::{Bootstrap, Estimate};
 use serde::Serialize;
 
@@ -12,6 +13,7 @@ use super::MOST_ARMS;
 use super::exhibit::{Definition, Exhibit, NamedFigure, NamedTable};
 use super::from_scratch::LEAST_AREA;
 use super::parts::caption;
+use super::parts::notes::ratio_note;
 use super::parts::own::Own;
 use super::parts::style::style;
 use crate::report::analysis::{Analysis, Protocol};
@@ -280,15 +282,15 @@ impl Positions {
             let fixed = [family.name.as_str().into(), units(family).into(), Cell::count(position.position)];
             fixed.into_iter().chain(MEASURES.iter().map(cell)).chain([relative]).collect()
         };
-        let rows = self.families.iter().flat_map(|family| family.positions.iter().map(move |p| (family, p)));
+        let rows = || self.families.iter().flat_map(|family| family.positions.iter().map(move |p| (family, p)));
         let columns = ["arm", "over", "position"].into_iter().chain(MEASURES).chain(["relative area"]);
         let notes = vec![
-            "Position 1 is the first stage. Relative area: mean area / mean area from scratch on the same levels, \
-             percentile bootstrap."
+            "Position 1 is the first stage. Relative area: mean area / mean area from scratch on the same levels."
                 .to_owned(),
+            ratio_note("Relative areas", rows().filter_map(|(_, position)| position.relative_area.as_ref())),
             OVER.to_owned(),
         ];
-        Table::new("Areas and returns over positions, normalised", columns, rows.map(row).collect(), notes)
+        Table::new("Areas and returns over positions, normalised", columns, rows().map(row).collect(), notes)
     }
 
     /// A line per family, a panel per measure. None of more lines than can be told apart.

@@ -4,7 +4,7 @@ use charts::{About, Axis, IntervalChart, IntervalPanel, IntervalSeries, Layout, 
 
 use super::exhibit::{Definition, Exhibit, NamedFigure, NamedTable};
 use super::parts::caption;
-use super::parts::notes::{columns, interval_note, of_paper, percentile_note};
+use super::parts::notes::{columns, interval_note, median_note, of_paper, percentile_note};
 use super::parts::returns::{Mean, Spread, arm_row, planner_rows, published, published_note, published_row};
 use super::parts::style::{PLANNERS, PROTOCOLS, arms_of, level_label, point, short_name, style};
 use crate::report::analysis::{Analysis, Arm, LevelInfo, Planner, Protocol};
@@ -47,8 +47,9 @@ impl Exhibit for Returns {
             one(
                 "interval",
                 "95%, of the mean over seeds: Student's t of 2 or 3 seeds, studentised bootstrap of 4 to 29, percentile \
-                 bootstrap of more; of curves at each point by itself; of shares of pairs exact (Clopper–Pearson); one \
-                 seed has none",
+                 bootstrap of more; of ratios of means Fieller's of 2 to 29, percentile bootstrap of more; of curves at \
+                 each point by itself; of shares of pairs (Clopper–Pearson) and of medians over seeds exact; one seed \
+                 has none",
                 "intervals",
             ),
         ]
@@ -107,7 +108,8 @@ pub fn by_level(analysis: &Analysis) -> Table {
     let columns = ["arm", "level", "seeds", "mean", "median", "IQM", "mean, normalised"];
     let notes = vec![
         interval_note(analysis, shown.iter().copied()),
-        percentile_note("Medians and IQMs", shown.iter().map(|(_, estimate)| estimate.runs)),
+        median_note(shown.iter().map(|(_, estimate)| estimate.runs)),
+        percentile_note("IQMs", shown.iter().map(|(_, estimate)| estimate.runs)),
     ];
     Table::new("Return on each level right after training on it, over seeds", columns, rows, notes)
 }

@@ -15,7 +15,7 @@ pub use measures::{MEASURES, Measure};
 use super::exhibit::{Definition, Exhibit, NamedFigure, NamedTable};
 use super::from_scratch::{TRANSFER_BY_AREAS, transfer_by_areas};
 use super::parts::caption;
-use super::parts::notes::{columns, interval_note, percentile_note};
+use super::parts::notes::{columns, interval_note, ratio_note};
 use super::parts::style::{level_label, point, style};
 use crate::report::analysis::{Analysis, Matrix, MatrixCell, MatrixRow, OverSeeds};
 use crate::report::parallel;
@@ -197,9 +197,9 @@ impl Continual {
              were also trained from scratch. docs/metrics.md defines the measures."
                 .to_owned(),
             self.intervals(analysis),
-            percentile_note(
+            ratio_note(
                 "Transfer by areas",
-                self.measured().filter_map(|(_, measured)| Some(measured.transfer_by_areas.as_ref()?.runs)),
+                self.measured().filter_map(|(_, measured)| measured.transfer_by_areas.as_ref()),
             ),
         ];
         let columns = ["arm", "seeds"].into_iter().chain(measures);

@@ -8,9 +8,10 @@ use rl_stats::{Estimate, Time};
 use super::super::exhibit::NamedFigure;
 use super::super::parts::caption;
 use super::super::parts::curves::{MOVING, has_curves, learning_points, on_level, panel_per_level};
+use super::super::parts::notes::ratio_note;
 use super::super::parts::style::{FROM_SCRATCH, level_label, point, style};
 use super::super::parts::timeline::levels_of;
-use super::numbers::{Contrast, LevelContrast, OverLevels, Paired, PairedTimes, RELATIVE_LOSS};
+use super::numbers::{Contrast, LevelContrast, OverLevels, Paired, PairedTimes, RELATIVE_LOSS, relative_losses};
 use super::{TABLE, TIMES};
 use crate::report::analysis::{Analysis, Pair};
 use crate::report::names::file_name;
@@ -142,7 +143,7 @@ fn differences(analysis: &Analysis, contrasts: &[Contrast]) -> Option<NamedFigur
                 .to_owned(),
             "Marks: means over pairs; dots: single pairs.".to_owned(),
             caption::intervals(analysis, &arms),
-            "Relative losses have percentile bootstrap intervals.".to_owned(),
+            ratio_note("Relative losses", all.iter().copied().flat_map(relative_losses)),
             if unpaired > 0 { format!("Results without a counterpart, left out: {unpaired}.") } else { String::new() },
             caption::missing(analysis, &arms),
         ]),

@@ -4,9 +4,8 @@
 use std::collections::BTreeMap;
 
 use rl_stats::few::{holm, mean_p_value};
-use rl_stats::pairs::{
-    estimate_mean, estimate_paired_difference, estimate_paired_improvement_share, estimate_ratio_of_means,
-};
+use rl_stats::pairs::{estimate_mean, estimate_paired_difference, estimate_paired_improvement_share};
+use rl_stats::ratio::estimate_ratio_of_means;
 use rl_stats::{Bootstrap, Estimate, Time};
 use serde::Serialize;
 
@@ -191,6 +190,12 @@ pub fn transfer_by_areas(analysis: &Analysis, curriculum: usize) -> Option<Estim
 /// (A_scratch − A) / A_scratch of pairs A, A_scratch.
 fn relative_loss<'a>(areas: impl Iterator<Item = &'a (f64, f64)>, bootstrap: &Bootstrap) -> Option<Estimate> {
     share(areas.map(|&(area, from_scratch)| (from_scratch - area, from_scratch)), bootstrap)
+}
+
+/// Every relative loss of a contrast, level by level and over all of them.
+pub(super) fn relative_losses(contrast: &Contrast) -> impl Iterator<Item = &Estimate> {
+    let levels = contrast.levels.iter().flatten().filter_map(|level| level.relative_loss.as_ref());
+    levels.chain(contrast.relative_loss.as_ref())
 }
 
 /// The ratio of the mean numerator to the mean denominator, if that is an area to speak of.

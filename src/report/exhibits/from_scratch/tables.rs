@@ -2,8 +2,10 @@
 
 use rl_stats::Estimate;
 
-use super::super::parts::notes::{interval_note, level_names, percentile_note};
-use super::numbers::{Contrast, LevelContrast, OverLevels, Paired, PairedTimes, RELATIVE_LOSS, TimeSummary};
+use super::super::parts::notes::{interval_note, level_names, ratio_note};
+use super::numbers::{
+    Contrast, LevelContrast, OverLevels, Paired, PairedTimes, RELATIVE_LOSS, TimeSummary, relative_losses,
+};
 use crate::report::analysis::{Analysis, ThresholdTimes};
 use crate::report::table::{Cell, Table};
 
@@ -111,9 +113,7 @@ pub(super) fn curves(analysis: &Analysis, contrasts: &[Contrast]) -> Table {
     let columns = ["arm", "level", "pairs"].map(str::to_owned).into_iter().chain(reach);
     let title = "Each level in the curriculum against learning from scratch, normalised";
     let mut notes = notes(analysis, contrasts);
-    let ratios = contrasts.iter().flat_map(|against| &against.levels).flatten();
-    let ratios = ratios.filter_map(|level| Some(level.relative_loss.as_ref()?.runs));
-    notes.push(percentile_note("Relative losses", ratios));
+    notes.push(ratio_note("Relative losses", contrasts.iter().flat_map(relative_losses)));
     notes.push(
         "p: Student's paired test, adjusted by Holm for the levels of an arm, so that they can be read together; on \
          the mean over levels as it is. Where all differences are the same there is none."

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use rl_stats::few::{FEW, LEAST_STUDENTISED};
-use rl_stats::{Bootstrap, Estimate};
+use rl_stats::{Bootstrap, Estimate, LEAST_OF_MEDIAN};
 
 use crate::report::analysis::Analysis;
 
@@ -66,6 +66,39 @@ pub fn percentile_note(what: &str, seeds: impl Iterator<Item = usize>) -> String
     let seeds: Vec<usize> = seeds.filter(|seeds| *seeds > 1).collect();
     let few = if seeds.iter().any(|seeds| *seeds < FEW) { ", too narrow with few seeds" } else { "" };
     if seeds.is_empty() { String::new() } else { format!("{what}: percentile bootstrap{few}.") }
+}
+
+/// How the intervals of ratios of means are made; nothing where all are of one seed.
+pub fn ratio_method<'a>(what: &str, ratios: impl Iterator<Item = &'a Estimate>) -> String {
+    let (mut fieller, mut percentile) = (false, false);
+    for runs in ratios.map(|ratio| ratio.runs).filter(|runs| *runs > 1) {
+        fieller |= runs < FEW;
+        percentile |= runs >= FEW;
+    }
+    let how = match (fieller, percentile) {
+        (false, false) => return String::new(),
+        (true, false) => "Fieller's interval".to_owned(),
+        (false, true) => "percentile bootstrap".to_owned(),
+        (true, true) => format!("Fieller's interval below {FEW} seeds, percentile bootstrap from there on"),
+    };
+    format!("{what}: {how}.")
+}
+
+/// The same, and when a ratio stands without an interval.
+pub fn ratio_note<'a>(what: &str, ratios: impl Iterator<Item = &'a Estimate>) -> String {
+    let method = ratio_method(what, ratios);
+    if method.is_empty() { method } else { format!("{method} {NO_END}") }
+}
+
+/// When a ratio of several seeds has no interval.
+const NO_END: &str = "There is no interval where it would have no end: the denominator may be 0.";
+
+/// What the intervals of medians over seeds are; nothing where all are of one seed.
+pub fn median_note(seeds: impl Iterator<Item = usize>) -> String {
+    let seeds: Vec<usize> = seeds.filter(|seeds| *seeds > 1).collect();
+    let few = seeds.iter().any(|seeds| *seeds < LEAST_OF_MEDIAN);
+    let none = if few { format!(" Fewer than {LEAST_OF_MEDIAN} seeds have none.") } else { String::new() };
+    if seeds.is_empty() { String::new() } else { format!("Medians: exact interval, between two of the seeds.{none}") }
 }
 
 /// What the number after ± is, in a table of so many seeds.

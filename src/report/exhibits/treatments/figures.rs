@@ -7,6 +7,7 @@ use charts::{Reference, Style, Width};
 
 use super::super::exhibit::NamedFigure;
 use super::super::parts::caption;
+use super::super::parts::notes::ratio_method;
 use super::super::parts::style::{level_label, point};
 use super::{NO_SHARE, TREATMENTS, TreatedStage, Treatments};
 use crate::report::analysis::Analysis;
@@ -28,9 +29,8 @@ pub(super) fn all(treatments: &Treatments, analysis: &Analysis) -> Vec<NamedFigu
     let titled = |of: fn(&TreatedStage, &str) -> Option<charts::Estimate>, ends: bool| -> Vec<Bars> {
         switches.iter().map(|(title, stages)| Bars::new(analysis, title, stages, of, ends)).collect()
     };
-    let arms = arms(treatments);
-    let areas = areas_figure(analysis, &arms, &titled(area, true));
-    areas.into_iter().chain(shares_figure(analysis, &arms, &titled(share, false))).collect()
+    let areas = areas_figure(treatments, analysis, &titled(area, true));
+    areas.into_iter().chain(shares_figure(treatments, analysis, &titled(share, false))).collect()
 }
 
 /// The stages right after a switch, by switch: its title and what was done there.
@@ -158,9 +158,10 @@ fn draw(about: About, values: Axis, switches: &[Bars], references: &[Reference])
 }
 
 /// Areas under each treatment, without one and from scratch.
-fn areas_figure(analysis: &Analysis, arms: &[usize], switches: &[Bars]) -> Option<NamedFigure> {
+fn areas_figure(treatments: &Treatments, analysis: &Analysis, switches: &[Bars]) -> Option<NamedFigure> {
     let about = About::new("Areas with and without a treatment", "Area of the stage after each switch.");
     let drawing = draw(about, Axis::new("area under the learning curve"), switches, &[])?;
+    let arms = arms(treatments);
     Some(NamedFigure {
         name: TREATMENTS.to_owned(),
         caption: caption::join([
@@ -168,8 +169,8 @@ fn areas_figure(analysis: &Analysis, arms: &[usize], switches: &[Bars]) -> Optio
              under each treatment, and of a new agent on that level. Of the seeds that have forks."
                 .to_owned(),
             "Marks: means over seeds; dots: single seeds.".to_owned(),
-            caption::intervals(analysis, arms),
-            caption::missing(analysis, arms),
+            caption::intervals(analysis, &arms),
+            caption::missing(analysis, &arms),
         ]),
         drawing,
         tables: vec![TREATMENTS.to_owned()],
@@ -177,7 +178,7 @@ fn areas_figure(analysis: &Analysis, arms: &[usize], switches: &[Bars]) -> Optio
 }
 
 /// The share of the lost area that each treatment gives back.
-fn shares_figure(analysis: &Analysis, arms: &[usize], switches: &[Bars]) -> Option<NamedFigure> {
+fn shares_figure(treatments: &Treatments, analysis: &Analysis, switches: &[Bars]) -> Option<NamedFigure> {
     let about = About::new("What treatments give back", "Recovered share of the lost area, treatment by treatment.");
     let references = [Reference::across("untreated", 0.0), Reference::across("from scratch", 1.0)];
     let drawing = draw(about, Axis::new("recovered share"), switches, &references)?;
@@ -185,11 +186,14 @@ fn shares_figure(analysis: &Analysis, arms: &[usize], switches: &[Bars]) -> Opti
         name: RECOVERED.to_owned(),
         caption: caption::join([
             "Recovered share: (treated − untreated) / (from scratch − untreated), of mean areas in the first stage \
-             after each switch, paired by seed. Bars: 95% intervals, percentile bootstrap over seeds, too narrow \
-             with few seeds."
+             after each switch, paired by seed. Bars: 95% intervals over seeds."
                 .to_owned(),
+            ratio_method(
+                "Recovered shares",
+                treatments.stages.iter().filter_map(|stage| stage.recovered_share.as_ref()),
+            ),
             NO_SHARE.to_owned(),
-            caption::missing(analysis, arms),
+            caption::missing(analysis, &arms(treatments)),
         ]),
         drawing,
         tables: vec![TREATMENTS.to_owned()],

@@ -4,12 +4,13 @@ mod figures;
 
 use std::collections::BTreeMap;
 
-use rl_stats::pairs::{estimate_mean, estimate_ratio_of_means};
+use rl_stats::pairs::estimate_mean;
+use rl_stats::ratio::estimate_ratio_of_means;
 use rl_stats::{Bootstrap, Estimate};
 use serde::Serialize;
 
 use super::exhibit::{Definition, Exhibit, NamedFigure, NamedTable};
-use super::parts::notes::{interval_note, percentile_note};
+use super::parts::notes::{interval_note, ratio_method};
 use super::parts::own::Own;
 use crate::report::analysis::{Analysis, ArmStage, ForkPair, OverSeeds};
 use crate::report::table::{Cell, Table};
@@ -46,7 +47,7 @@ pub struct TreatedStage {
     /// Mean area from scratch − untreated, of the seeds that have all three.
     pub lost: Option<Estimate>,
     /// The share of the lost area that the treatment gives back, of the seeds that have all three; none where the
-    /// interval of the lost area holds 0, or there is none.
+    /// interval of the lost area holds 0, or where one of the two has no interval.
     pub recovered_share: Option<Estimate>,
 }
 
@@ -110,7 +111,8 @@ impl Three {
         let lost = (!pairs.is_empty()).then(|| estimate_mean(bootstrap, pairs.iter().map(|(_, lost)| *lost).collect()));
         let is_a_difference =
             lost.and_then(|lost| lost.interval).is_some_and(|interval| interval.low > 0.0 || interval.high < 0.0);
-        [gain, lost, is_a_difference.then(|| estimate_ratio_of_means(bootstrap, &pairs))]
+        let share = is_a_difference.then(|| estimate_ratio_of_means(bootstrap, &pairs));
+        [gain, lost, share.filter(|share| share.interval.is_some())]
     }
 }
 
@@ -190,7 +192,7 @@ impl Treatments {
             row.collect::<Vec<Cell>>()
         };
         let gains = self.stages.iter().filter_map(|stage| Some((stage.pair.fork, stage.gain.as_ref()?)));
-        let shares = self.stages.iter().filter_map(|stage| Some(stage.recovered_share.as_ref()?.runs));
+        let shares = self.stages.iter().filter_map(|stage| stage.recovered_share.as_ref());
         let notes = vec![
             "Of the stages that forks have trained, paired by seed. Untreated: the same stage of the runs that they \
              come from. From scratch: a new agent on that level. Recovered share: (treated - untreated) / (from scratch \
@@ -198,7 +200,7 @@ impl Treatments {
                 .to_owned(),
             NO_SHARE.to_owned(),
             interval_note(analysis, gains),
-            percentile_note("Recovered shares", shares),
+            ratio_method("Recovered shares", shares),
         ];
         let columns = [
             "arm",
@@ -221,5 +223,5 @@ impl Treatments {
 }
 
 /// When there is no share.
-const NO_SHARE: &str = "There is no share where the interval of (from scratch − untreated) contains 0, or where one seed \
-                        has none: nothing is known to be lost.";
+const NO_SHARE: &str = "There is no share where the interval of (from scratch − untreated) contains 0, where the share's \
+                        own would have no end, or where one seed has none: nothing is known to be lost.";
