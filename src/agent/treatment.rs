@@ -69,6 +69,11 @@ impl Place {
         network.tensors().into_iter().filter(is_in)
     }
 
+    /// The tensors there that can be scaled: weights and biases.
+    pub fn scaled<'a>(&'a self, network: &Network) -> impl Iterator<Item = TensorPlace> + use<'a> {
+        self.tensors(network).filter(|tensor| [".weight", ".bias"].iter().any(|end| tensor.name.ends_with(end)))
+    }
+
     /// Every tower and layer of a network.
     pub fn known(network: &Network) -> Vec<String> {
         let of_tower = |tower: &super::network::Tower| {
@@ -115,8 +120,7 @@ impl Treatment {
             agent.replace(&range, &new, &copies);
         }
         for (place, factor) in &self.scales {
-            let scaled = |tensor: &TensorPlace| [".weight", ".bias"].iter().any(|end| tensor.name.ends_with(end));
-            for tensor in place.tensors(network).filter(scaled) {
+            for tensor in place.scaled(network) {
                 agent.scale(&tensor.range, *factor as f32, &copies);
             }
         }

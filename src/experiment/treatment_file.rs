@@ -9,6 +9,7 @@ use super::fork::{Fork, OF_COPY, config_of, name_of};
 use super::node::{Content, Node, Source};
 use super::timesteps::POSSIBLE;
 use crate::agent::config::Config;
+use crate::agent::network::Network;
 use crate::agent::treatment::{NONE, Parts, Place, Treatment};
 use crate::config::{check_name, nearest};
 use crate::error::UserError;
@@ -204,8 +205,9 @@ fn read_parts(
             "weights" => treatment.weights = parts(key, node)?,
             "optimizer" => treatment.optimizer = parts(key, node)?,
             "scale" => {
-                for (name, _, factor) in node.map(source, key)? {
+                for (name, at, factor) in node.map(source, key)? {
                     let place = place(name, factor)?;
+                    check_scaled(&place, &network).map_err(|problem| source.refuse(*at, problem))?;
                     let by = factor.number(source, key)?;
                     if !(0.0..=1e6).contains(&by) {
                         return Err(source
@@ -235,6 +237,16 @@ fn read_parts(
     treatment.name = name_of(&treatment);
     treatment.written = if treatment.is_none() { Map::new() } else { written };
     Ok((treatment, config))
+}
+
+/// Refuses to scale what is neither weight nor bias: the tensors of a norm.
+fn check_scaled(place: &Place, network: &Network) -> Result<(), String> {
+    if place.scaled(network).next().is_some() {
+        return Ok(());
+    }
+    let Place(name) = place;
+    let layer = name.rsplit_once('.').map_or(name.as_str(), |(layer, _)| layer);
+    Err(format!("scale: {name} is neither weight nor bias: scale {layer}, {layer}.weight or {layer}.bias"))
 }
 
 /// Every combination of the values that a grid lists; the last key changes first.

@@ -195,6 +195,18 @@ fn what_cannot_be_forked_is_refused_with_its_place() {
         let error = sandbox.fails(2, "study s.yaml");
         assert!(error.contains("s.yaml:6:") && error.contains(says), "{fork}: {error}");
     }
+    sandbox.write("ppo.yaml", std::fs::read_to_string(sandbox.path("ppo.yaml")).expect("text") + "layer_norm: true\n");
+    for tensor in ["scale", "shift"] {
+        sandbox.write(
+            "s.yaml",
+            study("ppo", &format!("{{after: 0, treatments: {{x: {{scale: {{policy.0.{tensor}: 2}}}}}}}}")),
+        );
+        let error = sandbox.fails(2, "study s.yaml");
+        let says = format!(
+            "s.yaml:6:47: scale: policy.0.{tensor} is neither weight nor bias: scale policy.0, policy.0.weight or policy.0.bias"
+        );
+        assert!(error.contains(&says), "{error}");
+    }
     sandbox.write("s.yaml", study("ppo", "{after: 0, treatments: {none: {}}}").replace("curriculum", "from scratch"));
     let error = sandbox.fails(2, "study s.yaml");
     assert!(error.contains("the arm has no curriculum to go on from"), "{error}");
