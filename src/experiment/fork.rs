@@ -78,12 +78,16 @@ pub(super) const OF_COPY: [(&str, OfCopy); 3] =
     [("follow", OfCopy::Follow), ("keep", OfCopy::Keep), ("renew", OfCopy::Renew)];
 
 /// Settings that a treatment cannot change, since the agent, its stages or its place depend on them.
-const FIXED: [&str; 4] = ["name", "algorithm", "extends", "timesteps"];
+const FIXED: [&str; 3] = ["name", "algorithm", "extends"];
 
 /// The settings of a fork: its parent's with those of the treatment.
 pub(super) fn config_of(treatment: &Treatment, parent: &Config) -> Result<Config, String> {
     for set in &treatment.sets {
         let key = set.split('=').next().unwrap_or_default().trim();
+        if key == "timesteps" {
+            let remedy = "write timesteps in the fork, beside after (cpp-rl fork: --timesteps N)";
+            return Err(format!("set: {key}: a treatment has no timesteps of its own: {remedy}"));
+        }
         if FIXED.contains(&key) {
             return Err(format!("set: {key}: a fork keeps that of its parent: drop it"));
         }

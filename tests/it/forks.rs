@@ -184,6 +184,7 @@ fn what_cannot_be_forked_is_refused_with_its_place() {
         ("{after: 0, treatments: {x: {set: [gamma=0.99]}}}", "this treatment changes nothing"),
         ("{after: 0, treatments: {x: {set: [gama=0.9]}}}", "did you mean \"gamma\"?"),
         ("{after: 0, treatments: {x: {set: [name=y]}}}", "a fork keeps that of its parent"),
+        ("{after: 0, treatments: {x: {set: [timesteps=9]}}}", "write timesteps in the fork"),
         ("{after: 0, treatments: {x: {set: [\"hidden=[4]\"]}}}", "the agent comes with [8], which cannot become [4]"),
         ("{after: 0, treatments: {\"a b\": {}}}", "fork: treatments: name: expected 1 to 64 letters"),
         ("{after: 0, grid: {scale: [{policy.1: 2}, {policy.1: 2}]}}", "policy.1-2 stands twice"),
