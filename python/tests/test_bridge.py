@@ -11,7 +11,7 @@ import runpy
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -174,6 +174,34 @@ def test_stable_baselines3_computes_the_same(trained: Trained, folder: Path) -> 
         if tower == "policy":  # torch's Categorical normalises its logits
             mine = mine - np.log(np.exp(mine).sum(1, keepdims=True))
         np.testing.assert_allclose(mine, outputs.detach().numpy(), atol=1e-5, rtol=1e-5)
+
+
+def test_a_replay_buffer_is_read_and_left_out_of_models(runs: Path, folder: Path) -> None:
+    """The transitions are steps of the environment: the observations before and after, unpacked, say so."""
+    arm = ["--set", "name=saved", "--set", "replay_saved=true"]
+    common = ["--timesteps", str(TIMESTEPS), "--seeds", "3", "--quiet", "--jobs", "1", "--plasticity-interval", "0"]
+    cpp_rl("train", "--algo", "dqn", "--level", "2", *arm, *common, "--out", folder)
+    path = folder / "saved" / "level-2" / "seed-3" / "checkpoints" / "stage-0.safetensors"
+    agent, plain = read(path), read(runs / "train" / "dqn" / path.relative_to(folder / "saved"))
+    assert to_bytes(agent) == path.read_bytes()
+    buffer = {name.removeprefix("buffer/replay/"): t for name, t in agent.tensors.items() if name.startswith("buffer/")}
+    assert buffer.keys() == {"inputs", "actions", "rewards", "terminated"}
+    assert agent.tensors.keys() - plain.tensors.keys() == {f"buffer/replay/{name}" for name in buffer}
+    packed = buffer["inputs"].astype("<u8").view(np.uint8)
+    observations = np.unpackbits(packed, axis=-1, bitorder="little").reshape(TIMESTEPS, 2, 4, 8, 8)
+    level = cpp_rl_gym.as_level("2")
+    free = np.array([[cell != "#" for cell in row] for row in level.map.splitlines()])
+    assert (observations[:, :, 0] == free).all() and (observations[:, :, 1].sum(axis=(2, 3)) == 1).all()
+    moved = np.array([(1, 0), (-1, 0), (0, 1), (0, -1)])[buffer["actions"]]
+    before, after = (np.argwhere(observations[:, i, 1])[:, 1:] for i in (0, 1))
+    assert (((after - before) == moved).all(axis=1) | (after == before).all(axis=1)).all()
+    found = (observations[:, :, 3] & observations[:, :, 2]).sum(axis=(2, 3), dtype=np.int64)
+    gained = found[:, 1] - found[:, 0]
+    assert (buffer["rewards"] == np.where(gained == 1, 2 + 30 * buffer["terminated"].astype(int), -1)).all()
+
+    assert main(["export", str(path), str(folder / "a.zip")]) == 0
+    assert main(["import", str(folder / "a.zip"), str(folder / "b.safetensors"), "--level", "2", "--stage", "0"]) == 0
+    assert_equal(replace(read(folder / "b.safetensors"), source=""), replace(plain, source=""))
 
 
 def outputs_of(model: Any, observations: Any) -> Iterator[tuple[str, Any]]:

@@ -117,6 +117,23 @@ def test_what_mitigations_keep_is_kept() -> None:
         to_bytes(checkpoint)
 
 
+def test_what_an_algorithm_leaves_to_the_next_stage_is_kept() -> None:
+    checkpoint = random_checkpoint("dqn")
+    checkpoint.tensors |= {
+        "buffer/replay/inputs": np.arange(12, dtype=np.uint64).reshape(3, 2, 2),
+        "buffer/replay/rewards": np.full(3, -1, np.float32),
+        "buffer/replay/actions": np.array([0, 3, 1], np.uint8),
+        "buffer/cells": np.zeros((0, 2), np.uint16),
+    }
+    raw = to_bytes(checkpoint)
+    assert_equal(from_bytes(raw, "c"), checkpoint)
+    assert to_bytes(from_bytes(raw, "c")) == raw
+    assert checkpoint.copies() == ["target"]
+    checkpoint.tensors["buffer/cells"] = np.zeros(2, np.int32)
+    with pytest.raises(ValueError, match=r"buffer/cells is int32, not one of float32, uint8"):
+        to_bytes(checkpoint)
+
+
 def test_normalised_layers_and_crelu_by_hand() -> None:
     """One layer of two units; their sums are 1 and 3, so that they lie one standard deviation from their mean."""
     tensors: dict[str, np.ndarray] = {

@@ -13,6 +13,7 @@ use super::network::{Head, Outputs};
 use super::shared::Shared;
 use super::snapshot::Snapshot;
 use super::stage::Stage;
+use super::state::AgentState;
 use crate::config::Settings;
 
 /// A learning algorithm, as its settings: from them come its networks, its learner, and what it needs.
@@ -37,17 +38,32 @@ pub trait Algorithm: Settings + Any + Debug + Send + Sync {
     /// # Errors
     /// The keys, and what is wrong with them.
     fn check(&self, shared: &Shared) -> Result<(), Misfit>;
-    /// The largest thing that one seed keeps beside its network on maps of so many cells: what, and its bytes.
-    fn memory(&self, shared: &Shared, cells: usize) -> (String, u64);
+    /// The largest thing that one seed keeps beside its network on maps of this level's size: what, and its bytes.
+    fn memory(&self, shared: &Shared, level: &Level) -> (String, u64);
     /// Optimiser steps of a stage with so many timesteps.
     fn optimizer_steps(&self, shared: &Shared, timesteps: u64) -> u64;
-    /// Adds what it keeps in the midst of a stage to the snapshot of the stage's beginning.
-    fn begin(&self, _snapshot: &mut Snapshot) {}
+    /// Refuses settings with which an agent cannot go on from a stage that was trained with those of `parent`.
+    ///
+    /// # Errors
+    /// The setting, what is wrong with it, and what mends it.
+    fn goes_on_from(&self, _parent: &dyn Algorithm) -> Result<(), String> {
+        Ok(())
+    }
+    /// Checks that an agent, as read from a file, brings what a stage begins with.
+    ///
+    /// # Errors
+    /// What is missing, or cannot be so on maps of this level's size.
+    fn check_agent(&self, _agent: &AgentState, _shared: &Shared, _level: &Level) -> Result<(), String> {
+        Ok(())
+    }
+    /// Adds what it keeps in the midst of a stage to the snapshot of the stage's beginning, and takes it out of
+    /// [what the agent brings](crate::agent::state::Kept::buffers).
+    fn begin(&self, _snapshot: &mut Snapshot, _level: &Level) {}
     /// Checks what [`begin`](Self::begin) added, as read from a file.
     ///
     /// # Errors
     /// What cannot be so on this level.
-    fn check_snapshot(&self, snapshot: &Snapshot, level: &Level) -> Result<(), String>;
+    fn check_snapshot(&self, snapshot: &Snapshot, shared: &Shared, level: &Level) -> Result<(), String>;
     /// A learner at work on a stage.
     fn learner(&self, setup: Setup<'_>) -> Box<dyn Learner>;
     /// A copy.

@@ -3,11 +3,12 @@
 use coverage_env::VecEnv;
 
 use super::algorithm::Setup;
+use super::buffers::Buffers;
 use super::config::Config;
 use super::engine::{self, EngineKind};
 use super::episodes::EpisodeWindow;
 use super::learner::Learner;
-use super::snapshot::{Buffers, Position, Snapshot, SnapshotError};
+use super::snapshot::{Position, Snapshot, SnapshotError};
 use super::stage::Stage;
 use super::state::AgentState;
 use crate::random::{Purpose, Stream, StreamState};
@@ -24,7 +25,7 @@ impl Snapshot {
         let [actions, minibatches] = [Purpose::Actions, Purpose::Minibatches].map(stream);
         let position = Position::of(0, &envs, &actions, &minibatches, &EpisodeWindow::default());
         let mut snapshot = Self { agent, position, buffers: Buffers::default() };
-        config.algorithm.begin(&mut snapshot);
+        config.algorithm.begin(&mut snapshot, &stage.level);
         snapshot
     }
 
@@ -68,7 +69,7 @@ impl Snapshot {
             return wrong("its window of episodes is not possible");
         }
         self.envs(shared.max_steps, stage)?;
-        config.algorithm.check_snapshot(self, &stage.level).map_err(SnapshotError)
+        config.algorithm.check_snapshot(self, shared, &stage.level).map_err(SnapshotError)
     }
 }
 

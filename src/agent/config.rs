@@ -194,7 +194,7 @@ impl Config {
             "hidden: {hidden:?}: a network of {parameters} parameters on maps of {cells} cells, with {beside},"
         );
         refuse_large(parameters.saturating_mul(4 * (4 + copies.len() as u64)), what)?;
-        let (what, bytes) = self.algorithm.memory(&self.shared, cells);
+        let (what, bytes) = self.algorithm.memory(&self.shared, level);
         refuse_large(bytes, what)
     }
 

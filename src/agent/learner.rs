@@ -16,6 +16,10 @@ pub trait Learner: Send {
     fn next_timesteps(&self) -> u64;
     /// The agents as they are after the last row of the log, in the order of the seeds.
     fn agents(&self) -> Vec<&AgentState>;
+    /// The agent with this place in the order of the seeds, as it goes on from the end of the stage to the next.
+    fn leaving(&self, seed: usize) -> AgentState {
+        self.agents()[seed].clone()
+    }
     /// All that the rest of the stage depends on, of the seed with this place in their order.
     fn snapshot(&self, seed: usize) -> Snapshot;
 }

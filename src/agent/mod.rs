@@ -1,6 +1,7 @@
 //! The learners: networks, optimiser, PPO and DQN over an axis of seeds. Nothing here touches a file or a terminal.
 
 pub mod algorithm;
+pub mod buffers;
 pub mod config;
 pub mod dqn;
 pub mod engine;

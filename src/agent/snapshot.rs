@@ -1,10 +1,9 @@
 //! One seed in the midst of a stage: all that the rest of the stage depends on.
 
-use std::collections::BTreeMap;
-
 use coverage_env::{State, StateError, VecEnv};
 use serde::{Deserialize, Serialize};
 
+use super::buffers::Buffers;
 use super::episodes::EpisodeWindow;
 use super::stage::Stage;
 use super::state::AgentState;
@@ -22,54 +21,6 @@ pub struct Snapshot {
     pub position: Position,
     /// What its algorithm keeps in the midst of a stage.
     pub buffers: Buffers,
-}
-
-/// Arrays by name, which only the algorithm that put them there understands.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Buffers(BTreeMap<String, Buffer>);
-
-/// One array, row-major.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Buffer {
-    /// Its dimensions.
-    pub shape: Vec<usize>,
-    /// Its elements.
-    pub data: Data,
-}
-
-/// The elements of a [`Buffer`].
-#[derive(Clone, Debug, PartialEq)]
-pub enum Data {
-    /// Bytes.
-    U8(Vec<u8>),
-    /// 16-bit integers.
-    U16(Vec<u16>),
-    /// 64-bit integers.
-    U64(Vec<u64>),
-    /// Floats.
-    F32(Vec<f32>),
-}
-
-impl Buffers {
-    /// Adds an array, or replaces the one of this name.
-    pub fn add(&mut self, name: &str, shape: &[usize], data: Data) {
-        self.0.insert(name.to_owned(), Buffer { shape: shape.to_vec(), data });
-    }
-
-    /// The elements of the array of this name.
-    pub fn get(&self, name: &str) -> Option<&Data> {
-        self.0.get(name).map(|buffer| &buffer.data)
-    }
-
-    /// All arrays, by name.
-    pub fn iter(&self) -> impl Iterator<Item = (&str, &Buffer)> {
-        self.0.iter().map(|(name, buffer)| (name.as_str(), buffer))
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
 }
 
 /// Where a seed stands in a stage, N being the number of environments.

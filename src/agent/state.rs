@@ -5,13 +5,15 @@ use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
+use super::buffers::Buffers;
 use super::network::Network;
 use crate::random::{Purpose, Stream};
 
 /// One seed's agent between stages; slices have length P, in the network's order.
 ///
-/// This is everything that continues. Environments, random streams, schedules, the episode window and the replay
-/// buffer begin anew with each stage, so that a stage depends on its seed, its number and this alone.
+/// This is everything that continues. Environments, random streams, schedules and the episode window begin anew with each
+/// stage, and so does the replay buffer unless it is [kept](Kept::buffers). So a stage depends on its seed, its number and
+/// this alone.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AgentState {
     /// The seed's number.
@@ -47,6 +49,9 @@ pub struct Kept {
     pub lists: BTreeMap<String, Vec<f32>>,
     /// Counts.
     pub numbers: BTreeMap<String, u64>,
+    /// What an algorithm leaves to the next stage beside its network, such as DQN's replay buffer. A stage takes it over as it
+    /// begins, so that there is nothing here in the midst of a stage.
+    pub buffers: Buffers,
 }
 
 /// Counts that go on over the stages.

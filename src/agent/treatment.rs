@@ -109,7 +109,8 @@ impl Treatment {
     pub fn apply(&self, algorithm: &dyn Algorithm, network: &Network, agent: &mut AgentState) {
         let AgentState { parameters: new, .. } = AgentState::new(network, agent.seed, &[]);
         if self.weights == Parts::All {
-            // What belongs to single units, and what is counted for them, belongs to units that are gone.
+            // What belongs to single units, and what is counted for them, belongs to units that are gone. Transitions belong
+            // to none.
             agent.kept.lists.clear();
             agent.kept.numbers.clear();
         }
@@ -145,7 +146,9 @@ mod tests {
     use coverage_env::Level;
 
     use super::*;
+    use crate::agent::buffers::Data;
     use crate::agent::config::{self, Config};
+    use crate::agent::state::Kept;
 
     /// An agent in which nothing is as in a new one.
     fn trained(config: &Config, level: &Level) -> AgentState {
@@ -154,6 +157,7 @@ mod tests {
         agent.kept.copies.values_mut().for_each(|copy| copy.fill(3.0));
         agent.kept.lists.insert("ages".to_owned(), vec![4.0]);
         agent.kept.numbers.insert("steps".to_owned(), 5);
+        agent.kept.buffers.add("replay", &[1], Data::U8(vec![7]));
         agent.adam.exp_avg.fill(6.0);
         agent.adam.exp_avg_sq.fill(7.0);
         agent.adam.step = 8;
@@ -180,7 +184,9 @@ mod tests {
         let all = Treatment { weights: Parts::All, optimizer: Parts::All, ..Treatment::default() };
         for algo in ["ppo", "dqn"] {
             let (_, before, new, after) = treated(algo, &all);
-            assert_eq!(after, AgentState { counters: before.counters, ..new });
+            // It goes on with the transitions of the old one, if it is to.
+            let kept = Kept { buffers: before.kept.buffers, ..new.kept };
+            assert_eq!(after, AgentState { counters: before.counters, kept, ..new });
         }
         let (_, before, _, after) = treated("dqn", &Treatment::default());
         assert_eq!(before, after);

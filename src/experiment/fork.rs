@@ -102,5 +102,6 @@ pub(super) fn config_of(treatment: &Treatment, parent: &Config) -> Result<Config
     if let Some(((key, old), (_, new))) = changed {
         return Err(format!("set: {key}: the agent comes with {old}, which cannot become {new}: drop it"));
     }
+    config.algorithm.goes_on_from(&*parent.algorithm).map_err(|problem| format!("set: {problem}"))?;
     Ok(config)
 }

@@ -10,6 +10,8 @@ use crate::agent::state::{AdamState, AgentState, Counters, Kept};
 
 /// What the names of [lists](Kept::lists) begin with.
 const LIST: &str = "extra/";
+/// What the names of [buffers](Kept::buffers) begin with.
+const BUFFER: &str = "buffer/";
 const EXP_AVG: &str = "exp_avg/";
 const EXP_AVG_SQ: &str = "exp_avg_sq/";
 
@@ -33,6 +35,8 @@ pub(super) fn tensors(agent: &AgentState, places: &[TensorPlace], with_adam: boo
     }
     let list = |(name, list): (&String, &Vec<f32>)| Tensor::floats(format!("{LIST}{name}"), &[list.len()], list);
     tensors.extend(agent.kept.lists.iter().map(list));
+    let buffers = agent.kept.buffers.iter();
+    tensors.extend(buffers.map(|(name, buffer)| Tensor::buffer(format!("{BUFFER}{name}"), buffer)));
     tensors
 }
 
@@ -62,6 +66,11 @@ pub(super) fn take(
         let shape = file.shape(&name).unwrap_or_default();
         if let (1, Some(bytes)) = (shape.len(), file.take(&name, Dtype::F32, &shape)?) {
             kept.lists.insert(name[LIST.len()..].to_owned(), container::floats(bytes).collect());
+        }
+    }
+    for name in file.left().filter(|name| name.starts_with(BUFFER)).collect::<Vec<_>>() {
+        if let Some(buffer) = file.buffer(&name)? {
+            kept.buffers.insert(&name[BUFFER.len()..], buffer);
         }
     }
     let agent = AgentState { seed: described.seed, parameters, adam, kept, counters: described.counters };

@@ -231,6 +231,7 @@ impl Header {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::agent::buffers::Data;
 
     fn checkpoint(algorithm: &str, inputs: usize, hidden: &[usize], activation: Activation) -> Checkpoint {
         let algorithm = registry::by_name(algorithm).unwrap();
@@ -254,7 +255,12 @@ mod tests {
         ppo.agent.kept.numbers.insert("a/number".to_owned(), 1 << 60);
         let mut local = checkpoint("ppo", 36, &[7], Activation::Tanh);
         local.sensor = sensor::by_name("local").unwrap();
-        [ppo, checkpoint("dqn", 60, &[6], Activation::Relu), local]
+        let mut dqn = checkpoint("dqn", 60, &[6], Activation::Relu);
+        dqn.agent.kept.buffers.add("replay/inputs", &[1, 2, 1], Data::U64(vec![5, 1 << 59]));
+        dqn.agent.kept.buffers.add("replay/actions", &[1], Data::U8(vec![3]));
+        dqn.agent.kept.buffers.add("cells", &[2], Data::U16(vec![7, 700]));
+        dqn.agent.kept.buffers.add("nothing", &[0, 3], Data::F32(Vec::new()));
+        [ppo, dqn, local]
     }
 
     #[test]

@@ -9,6 +9,7 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::Serialize;
 use serde_json::Value;
 
+use crate::agent::buffers::{Buffer, Data};
 use crate::agent::network::TensorPlace;
 
 /// The format's version; a file with another one is refused by name.
@@ -52,6 +53,17 @@ impl Tensor {
     pub(super) fn floats(name: impl Into<String>, shape: &[usize], values: &[f32]) -> Self {
         let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
         Self { name: name.into(), dtype: Dtype::F32, shape: shape.to_vec(), bytes }
+    }
+
+    /// An array of an algorithm.
+    pub(super) fn buffer(name: impl Into<String>, Buffer { shape, data }: &Buffer) -> Self {
+        let (dtype, bytes) = match data {
+            Data::U8(values) => (Dtype::U8, values.clone()),
+            Data::U16(values) => (Dtype::U16, values.iter().flat_map(|v| v.to_le_bytes()).collect()),
+            Data::U64(values) => (Dtype::U64, values.iter().flat_map(|v| v.to_le_bytes()).collect()),
+            Data::F32(values) => (Dtype::F32, values.iter().flat_map(|v| v.to_le_bytes()).collect()),
+        };
+        Self { name: name.into(), dtype, shape: shape.clone(), bytes }
     }
 
     /// The tensors of a network whose values lie in one flat slice.
@@ -176,6 +188,20 @@ impl<'a> Container<'a> {
         }
         self.taken.insert(name.to_owned());
         Ok(Some(tensor.data()))
+    }
+
+    /// An array of an algorithm, or nothing where there is none of this name; whether it makes sense is for the algorithm.
+    pub(super) fn buffer(&mut self, name: &str) -> Result<Option<Buffer>, String> {
+        let (Some(shape), Some(dtype)) = (self.shape(name), self.dtype(name)) else { return Ok(None) };
+        let Some(bytes) = self.take(name, dtype, &shape)? else { return Ok(None) };
+        let data = match dtype {
+            Dtype::U8 => Data::U8(bytes.to_vec()),
+            Dtype::U16 => Data::U16(bytes.as_chunks().0.iter().map(|&v| u16::from_le_bytes(v)).collect()),
+            Dtype::U64 => Data::U64(bytes.as_chunks().0.iter().map(|&v| u64::from_le_bytes(v)).collect()),
+            Dtype::F32 => Data::F32(floats(bytes).collect()),
+            other => return Err(not_ours(format_args!("tensor {name} is of {other:?}"))),
+        };
+        Ok(Some(Buffer { shape, data }))
     }
 
     /// The flat slice of a network's tensors with this prefix, or nothing where there are none.

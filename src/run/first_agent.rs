@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::checkpoint::Checkpoint;
 use super::{Plan, stage_checkpoint};
+use crate::agent::config::Config;
 use crate::agent::network::Network;
 use crate::agent::state::AgentState;
 use crate::error::UserError;
@@ -28,7 +29,7 @@ pub(super) fn first_agent(plan: &Plan<'_>, network: &Network) -> Result<AgentSta
 }
 
 /// The agent after a stage of a run, if its checkpoint is of that seed, stage and level, has these copies of its
-/// parameters, and fits the network.
+/// parameters, fits the network, and brings what the next stage begins with.
 ///
 /// # Errors
 /// Names the file, and what is wrong with it.
@@ -47,9 +48,11 @@ pub(super) fn stage_agent(
     let whole = has_adam && copies.iter().all(|&name| agent.kept.copies.contains_key(name));
     // Of another size it would be refused later, together with all seeds that it is computed together with.
     let alike = sensor.name() == plan.config.shared.sensor.name() && found.tensors() == network.tensors();
-    if own && whole && alike {
-        Ok(agent)
-    } else {
-        Err(format!("{}: not a checkpoint of this seed, stage and level that fits the run", file.display()))
+    if !(own && whole && alike) {
+        return Err(format!("{}: not a checkpoint of this seed, stage and level that fits the run", file.display()));
     }
+    let Config { algorithm, shared, .. } = plan.config;
+    let fits = algorithm.check_agent(&agent, shared, &plan.curriculum.stages[usize::from(stage)].level);
+    fits.map_err(|problem| format!("{}: {problem}", file.display()))?;
+    Ok(agent)
 }

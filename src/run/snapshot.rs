@@ -5,15 +5,15 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
 
 use super::agent_file::{self, Described};
 use super::atomic;
 use super::container::{self, Container, FORMAT, FileError, NO_CRC, Tensor, not_ours};
 use super::logs::Marks;
+use crate::agent::buffers::{Buffers, Data};
 use crate::agent::network::Network;
-use crate::agent::snapshot::{Buffer, Buffers, Data, Position, Snapshot};
+use crate::agent::snapshot::{Position, Snapshot};
 use crate::agent::state::Counters;
 use crate::dose::StageDose;
 
@@ -122,7 +122,7 @@ impl SavedSnapshot {
     fn to_bytes(&self, network: &Network) -> Vec<u8> {
         let Snapshot { agent, position, buffers } = &self.snapshot;
         let mut tensors = agent_file::tensors(agent, &network.tensors(), true);
-        tensors.extend(buffers.iter().map(|(name, buffer)| tensor(name, buffer)));
+        tensors.extend(buffers.iter().map(|(name, buffer)| Tensor::buffer(name, buffer)));
         let header = Header {
             crc32: NO_CRC.to_owned(),
             format: FORMAT,
@@ -175,31 +175,13 @@ impl SavedSnapshot {
     }
 }
 
-/// An array as the file has it.
-fn tensor(name: &str, Buffer { shape, data }: &Buffer) -> Tensor {
-    let (dtype, bytes) = match data {
-        Data::U8(values) => (Dtype::U8, values.clone()),
-        Data::U16(values) => (Dtype::U16, values.iter().flat_map(|v| v.to_le_bytes()).collect()),
-        Data::U64(values) => (Dtype::U64, values.iter().flat_map(|v| v.to_le_bytes()).collect()),
-        Data::F32(values) => (Dtype::F32, values.iter().flat_map(|v| v.to_le_bytes()).collect()),
-    };
-    Tensor { name: name.to_owned(), dtype, shape: shape.clone(), bytes }
-}
-
 /// The arrays that are left once the agent is taken; whether they make sense is for the algorithm.
 fn take_buffers(file: &mut Container<'_>) -> Result<Buffers, String> {
     let mut buffers = Buffers::default();
     for name in file.left().collect::<Vec<_>>() {
-        let (Some(shape), Some(dtype)) = (file.shape(&name), file.dtype(&name)) else { continue };
-        let Some(bytes) = file.take(&name, dtype, &shape)? else { continue };
-        let data = match dtype {
-            Dtype::U8 => Data::U8(bytes.to_vec()),
-            Dtype::U16 => Data::U16(bytes.as_chunks().0.iter().map(|&v| u16::from_le_bytes(v)).collect()),
-            Dtype::U64 => Data::U64(bytes.as_chunks().0.iter().map(|&v| u64::from_le_bytes(v)).collect()),
-            Dtype::F32 => Data::F32(container::floats(bytes).collect()),
-            other => return Err(not_ours(format_args!("tensor {name} is of {other:?}"))),
-        };
-        buffers.add(&name, &shape, data);
+        if let Some(buffer) = file.buffer(&name)? {
+            buffers.insert(&name, buffer);
+        }
     }
     Ok(buffers)
 }
@@ -208,7 +190,7 @@ fn take_buffers(file: &mut Container<'_>) -> Result<Buffers, String> {
 mod tests {
     use super::*;
     use crate::agent::config::{self, Config};
-    use crate::agent::dqn::ReplayState;
+    use crate::agent::dqn::{Observed, ReplayState};
     use crate::agent::engine::EngineKind;
     use crate::agent::{self, Stage};
     use crate::run::logs::Mark;
@@ -285,6 +267,59 @@ mod tests {
         let other = SavedSnapshot::read(&path, &larger.network(&stage.level)).unwrap_err();
         assert!(matches!(other, FileError::Foreign(_)), "{other}");
         assert!(SavedSnapshot::read(&path, &network).is_ok());
+    }
+
+    /// A stage that began with what the stage before has left, and has overwritten some of it.
+    #[test]
+    fn transitions_of_earlier_stages_come_back_and_are_checked() {
+        let sets = ["hidden=[3]", "max_steps=9", "num_envs=2", "batch_size=4", "buffer_size=100", "learning_starts=10"];
+        let sets: Vec<String> = sets.into_iter().chain(["replay_kept=true"]).map(str::to_owned).collect();
+        let config = config::resolve(Some("dqn"), None, &sets, None).unwrap();
+        let stage = |index, map| {
+            let level = Arc::new(Level::from_map("l", map).unwrap());
+            Stage { index, level, timesteps: 64, horizon: 64 }
+        };
+        let (first, second) = (stage(0, "..T\n.#."), stage(1, "#..\nT.."));
+        let advanced = |stage: &Stage, agent| {
+            let mut learner = agent::learner(&config, stage, vec![agent], EngineKind::Fused);
+            learner.advance();
+            learner
+        };
+        let left = advanced(&first, config.agent(&first.level, 3)).leaving(0);
+        assert_eq!(left.kept.buffers.get("replay/inputs").map(|buffer| &buffer.shape[..]), Some(&[64, 2, 1][..]));
+        let learner = advanced(&second, left);
+        assert!(learner.snapshot(0).agent.kept.buffers.is_empty(), "the stage has taken it over");
+        let saved = SavedSnapshot {
+            stage: 1,
+            snapshot: learner.snapshot(0),
+            dose: StageDose::default(),
+            seconds: 0.0,
+            marks: Marks::new(),
+        };
+        let network = config.network(&second.level);
+        let read = SavedSnapshot::from_bytes(&saved.to_bytes(&network), &network).unwrap();
+        assert_eq!(read.snapshot, saved.snapshot);
+        read.snapshot.check(&config, &second).unwrap();
+        let replay = ReplayState::read(&read.snapshot.buffers).unwrap();
+        assert_eq!((replay.next, replay.actions.len(), replay.carried.len()), (28, 100, 36));
+        let of = |transitions: usize, inputs: usize, active: &[u16]| {
+            let mut observed = Observed::new(inputs);
+            (0..2 * transitions).for_each(|_| observed.push(active));
+            observed
+        };
+        for (carried, fits) in [
+            (of(36, 24, &[23]), true),
+            (of(72, 24, &[]), true),
+            (of(73, 24, &[]), false),
+            (of(36, 25, &[24]), false),
+            (of(36, 65, &[]), false),
+        ] {
+            let mut snapshot = read.snapshot.clone();
+            ReplayState { carried, ..replay.clone() }.write(&mut snapshot.buffers);
+            let checked = snapshot.check(&config, &second).map_err(|error| error.to_string());
+            let refused = checked.is_err_and(|error| error.contains("of earlier stages"));
+            assert_eq!(refused, !fits);
+        }
     }
 
     #[test]

@@ -286,9 +286,9 @@ impl Cohort<'_> {
                 saved_at = learner.timesteps();
             }
         }
-        for (run, agent) in self.runs.iter_mut().zip(learner.agents()) {
-            run.before = agent.counters.timesteps;
-            run.agent.clone_from(agent);
+        for (s, run) in self.runs.iter_mut().enumerate() {
+            run.agent = learner.leaving(s);
+            run.before = run.agent.counters.timesteps;
         }
         Stopped::AtItsEnd
     }

@@ -26,6 +26,7 @@ mod numbers;
 mod plasticity;
 mod prose;
 mod replay;
+mod replay_kept;
 mod report;
 mod results;
 mod resume;

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use bit_mlp::BitBatch;
-use coverage_env::sensor::Full;
+use coverage_env::sensor::{Full, SENSORS};
 use coverage_env::{Action, Level, Scene, Sensor, State, VecEnv};
-use cpp_rl::agent::dqn::{Replay, Transitions};
+use cpp_rl::agent::dqn::{Past, Replay, ReplayState, Transitions};
 use cpp_rl::random::{Purpose, Stream};
 
 /// Not square; Right enters a target from each of the two starts.
@@ -123,4 +123,104 @@ fn a_full_buffer_fits_into_16_megabytes() {
     let bytes = Replay::new(100_000, &level).bytes();
     assert_eq!(bytes, 100_000 * (2 * 2 + 2 * 8 + 1 + 4 + 1));
     assert!(bytes <= 16_000_000);
+}
+
+/// Another level of the size of [`MAP`].
+const OTHER: &str = "T..\n.#T";
+const WALK: [Action; 7] =
+    [Action::Right, Action::Down, Action::Left, Action::Up, Action::Right, Action::Right, Action::Down];
+
+/// A buffer on `map` after a walk in which no transition is overwritten.
+fn walked(map: &str, count: u32) -> Replay {
+    let mut envs = environments(map, count, 5);
+    let mut replay = Replay::new(50, &envs.level().clone());
+    WALK.into_iter().for_each(|action| step(&mut replay, &mut envs, action));
+    replay
+}
+
+/// All inputs of every sample, ascending, constant ones among them.
+fn inputs(batch: &BitBatch) -> Vec<Vec<u16>> {
+    let all = |i| {
+        let mut all: Vec<u16> = batch.constant().iter().chain(batch.sample(i)).copied().collect();
+        all.sort_unstable();
+        all
+    };
+    (0..batch.len()).map(all).collect()
+}
+
+#[test]
+fn a_transition_of_an_earlier_level_is_seen_as_on_its_own() {
+    for &sensor in SENSORS {
+        let (level, other) = (Level::from_map("a", MAP).expect("a map"), Level::from_map("b", OTHER).expect("a map"));
+        let before = walked(MAP, 2);
+        let state = ReplayState::beginning(before.past(sensor), 50, &other);
+        let after = Replay::restore(50, &Arc::new(other.clone()), sensor, &state);
+        let draw = |replay: &Replay, level: &Level| {
+            let mut drawn = Transitions::new(sensor, level);
+            replay.sample(500, &mut Stream::new(2, 0, Purpose::Minibatches), &mut drawn);
+            drawn
+        };
+        let (expected, drawn) = (draw(&before, &level), draw(&after, &other));
+        assert!(!expected.inputs.constant().is_empty() && drawn.inputs.constant().is_empty(), "{}", sensor.name());
+        assert_eq!(inputs(&drawn.inputs), inputs(&expected.inputs), "{}", sensor.name());
+        assert_eq!(inputs(&drawn.next), inputs(&expected.next), "{}", sensor.name());
+        assert_eq!((drawn.actions, drawn.rewards), (expected.actions, expected.rewards));
+        assert_eq!(drawn.terminated, expected.terminated);
+        assert_eq!(after.past(sensor), before.past(sensor), "it goes on to a third level");
+    }
+}
+
+/// One after the other.
+fn joined(one: &Past, other: &Past) -> Past {
+    let mut all = one.clone();
+    for place in 0..2 * other.actions.len() {
+        all.observed.push(&other.observed.inputs(place).collect::<Vec<u16>>());
+    }
+    all.actions.extend(&other.actions);
+    all.rewards.extend(&other.rewards);
+    all.terminated.extend(&other.terminated);
+    all
+}
+
+#[test]
+fn the_oldest_of_all_stages_are_overwritten_first() {
+    for count in [1, 2] {
+        let past = walked(MAP, count).past(&Full);
+        let brought = past.actions.len();
+        // Smaller than what is brought, as large, with some room, and with more room than is used.
+        for capacity in [brought - 2, brought, brought + 3, 3 * brought] {
+            let mut envs = environments(OTHER, count, 5);
+            let level = envs.level().clone();
+            let state = ReplayState::beginning(past.clone(), capacity, &level);
+            let mut replay = Replay::restore(capacity, &level, &Full, &state);
+            assert_eq!(replay.state(), state);
+            let mut own = Replay::new(50, &level);
+            for (i, action) in WALK.into_iter().enumerate() {
+                let mut expected = joined(&past, &own.past(&Full));
+                expected.keep_newest(capacity);
+                assert_eq!(replay.past(&Full), expected, "{count} environments, {capacity} slots, after {i} steps");
+                let left = (brought + own.len()).min(capacity) - own.len().min(capacity);
+                assert_eq!(replay.state().carried.len(), left);
+
+                let restored = Replay::restore(capacity, &level, &Full, &replay.state());
+                assert_eq!(restored.state(), replay.state());
+                let (drawn, again) = (draw(&replay, &level, 200), draw(&restored, &level, 200));
+                assert_eq!(inputs(&drawn.inputs), inputs(&again.inputs));
+                assert_eq!(drawn.inputs.constant(), again.inputs.constant());
+                assert_eq!(drawn.inputs.constant().is_empty(), left > 0, "as soon as all are of one level");
+
+                step(&mut replay, &mut envs, action);
+                // The same transitions: a walk has no chance in it but the starts, which the seed says.
+                own = replay_of_first(i + 1, count);
+            }
+        }
+    }
+}
+
+/// A buffer on [`OTHER`] after the first steps of the walk.
+fn replay_of_first(steps: usize, count: u32) -> Replay {
+    let mut envs = environments(OTHER, count, 5);
+    let mut replay = Replay::new(50, &envs.level().clone());
+    WALK.into_iter().take(steps).for_each(|action| step(&mut replay, &mut envs, action));
+    replay
 }

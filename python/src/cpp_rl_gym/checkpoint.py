@@ -1,10 +1,12 @@
 """cpp-rl's checkpoints: one safetensors file that holds weights, optimiser state and where they come from.
 
-Tensors are float32 and C-contiguous. Layer ``i`` of a tower is ``{tower}.{i}.weight``, shape ``[in, out]`` (torch's
-``nn.Linear`` keeps ``[out, in]``), and ``{tower}.{i}.bias``, shape ``[out]``. A normalised layer has ``scale`` and
-``shift`` too, shape ``[out]``. PPO has the towers ``policy`` and ``value``; DQN has ``q``. Adam's moments carry the same
-names behind ``exp_avg/`` and ``exp_avg_sq/``, all of them or none. Copies of the parameters carry them behind a name of
-their own, such as DQN's target network, ``target/q``. ``extra/{name}`` is a list that a mitigation keeps.
+Tensors are C-contiguous, and float32 unless something else is said. Layer ``i`` of a tower is ``{tower}.{i}.weight``,
+shape ``[in, out]`` (torch's ``nn.Linear`` keeps ``[out, in]``), and ``{tower}.{i}.bias``, shape ``[out]``. A
+normalised layer has ``scale`` and ``shift`` too, shape ``[out]``. PPO has the towers ``policy`` and ``value``; DQN
+has ``q``. Adam's moments carry the same names behind ``exp_avg/`` and ``exp_avg_sq/``, all of them or none. Copies of
+the parameters carry them behind a name of their own, such as DQN's target network, ``target/q``. ``extra/{name}`` is
+a list that a mitigation keeps. ``buffer/{name}`` is an array that an algorithm leaves to the next stage, of any
+shape, and of float32, uint8, uint16 or uint64: DQN's replay buffer, where ``replay_saved`` or ``replay_kept`` is set.
 
 ``__metadata__`` has one key, ``cpp-rl``: a compact JSON object with the fields of :class:`Checkpoint`. Its first field
 is ``crc32``: the checksum of the whole file while those eight digits are ``00000000``. docs/checkpoints.md has the
@@ -39,6 +41,8 @@ CHANNELS = 4  # of the sensor ``full``
 EPSILON = 1e-5  # what normalised layers add to the variance
 MOMENTS = ("exp_avg", "exp_avg_sq")
 LIST = "extra/"  # what the names of lists begin with
+BUFFER = "buffer/"  # what the names of arrays begin with that an algorithm leaves to the next stage
+BUFFER_TYPES = ("float32", "uint8", "uint16", "uint64")
 
 _CRC_MARK = rb"\"crc32\":\""
 _ZEROS = b"00000000"
@@ -52,7 +56,7 @@ class CheckpointError(Exception):
 class Checkpoint:
     """Weights and optimiser state of one agent.
 
-    ``tensors`` maps the names of the module's documentation to float32 arrays. ``towers`` maps each tower to its layer
+    ``tensors`` maps the names of the module's documentation to arrays. ``towers`` maps each tower to its layer
     sizes, e.g. ``{"q": (256, 64, 64, 4)}``: the inputs, then the units of each layer. ``sensor`` is what the agent sees
     with, and says how many inputs there are: ``4 * height * width`` of ``full``. ``layer_norm`` says whether hidden
     layers are normalised (Ba et al. 2016). A unit of the activation ``crelu`` gives two numbers, so that the next layer
@@ -95,7 +99,7 @@ class Checkpoint:
         """The names of all copies of the parameters, such as DQN's ``target``."""
         first = f"/{next(iter(self.towers))}.0.weight"
         prefixes = (name.removesuffix(first) for name in self.tensors if name.endswith(first))
-        return [name for name in prefixes if name not in MOMENTS and not f"{name}/".startswith(LIST)]
+        return [name for name in prefixes if name not in MOMENTS and not f"{name}/".startswith((LIST, BUFFER))]
 
     def forward(self, tower: str, observations: np.ndarray) -> np.ndarray:
         """Outputs ``[B, out]`` of a tower, or of a copy such as ``target/q``, on observations ``[B, ...]``.
@@ -149,9 +153,13 @@ class Checkpoint:
         expected = own | {f"{copy}/{name}": shape for copy in copies for name, shape in own.items()}
         if missing := sorted(expected.keys() - self.tensors.keys()):
             return f"it lacks the tensors {', '.join(missing)}"
+        buffers = {name: tensor for name, tensor in self.tensors.items() if name.startswith(BUFFER)}
+        for name, tensor in buffers.items():
+            if tensor.dtype.name not in BUFFER_TYPES:
+                return f"{name} is {tensor.dtype}, not one of {', '.join(BUFFER_TYPES)}"
         lists = {name: (tensor.size,) for name, tensor in self.tensors.items() if name.startswith(LIST)}
         expected |= lists
-        if unknown := sorted(self.tensors.keys() - expected.keys()):
+        if unknown := sorted(self.tensors.keys() - expected.keys() - buffers.keys()):
             return f"it has unknown tensors {', '.join(unknown)}"
         for name, shape in expected.items():
             tensor = self.tensors[name]

@@ -1,8 +1,11 @@
 //! DQN as a choice: its network, its limits, its learner.
 
+use std::any::Any;
+
 use bit_mlp::Activation;
 use coverage_env::{Action, Level};
 
+use super::carried::Past;
 use super::exploration::Exploration;
 use super::learner::Dqn;
 use super::loss::TARGET;
@@ -15,6 +18,7 @@ use crate::agent::network::{Head, Init, Outputs};
 use crate::agent::shared::Shared;
 use crate::agent::snapshot::Snapshot;
 use crate::agent::stage::Stage;
+use crate::agent::state::AgentState;
 
 /// One tower: action values `[inputs] → [4]`.
 const HEADS: [Head; 1] = [Head { name: "q", outputs: Action::COUNT, init: Init::Uniform }];
@@ -61,9 +65,14 @@ impl Algorithm for DqnConfig {
         })
     }
 
-    fn memory(&self, _shared: &Shared, cells: usize) -> (String, u64) {
+    fn memory(&self, shared: &Shared, level: &Level) -> (String, u64) {
+        let cells = level.len();
+        let bits = |of: usize| (of as u64).div_ceil(64) * 8;
         // The visited cells before and after, one bit each, and ten bytes more.
-        let transition = 2 * (cells as u64).div_ceil(64) * 8 + 10;
+        let own = 2 * bits(cells) + 10;
+        // Where the buffer outlives its stage, all inputs as well.
+        let observed = if self.saves_replay() { 2 * bits(shared.sensor.inputs(level)) } else { 0 };
+        let transition = own + observed;
         let what = format!("buffer_size: {} transitions on maps of {cells} cells", self.buffer_size);
         (what, (self.buffer_size as u64).saturating_mul(transition))
     }
@@ -74,12 +83,38 @@ impl Algorithm for DqnConfig {
         updates * self.gradient_steps as u64
     }
 
-    fn begin(&self, snapshot: &mut Snapshot) {
-        ReplayState::default().write(&mut snapshot.buffers);
+    fn goes_on_from(&self, parent: &dyn Algorithm) -> Result<(), String> {
+        let parent = (parent as &dyn Any).downcast_ref::<Self>();
+        if !self.replay_kept || parent.is_some_and(Self::saves_replay) {
+            return Ok(());
+        }
+        Err("replay_kept: the parent's checkpoints hold no replay buffer: train the parent with replay_saved=true"
+            .to_owned())
     }
 
-    fn check_snapshot(&self, snapshot: &Snapshot, level: &Level) -> Result<(), String> {
-        ReplayState::read(&snapshot.buffers)?.check(self.buffer_size, level).map_err(str::to_owned)
+    fn check_agent(&self, agent: &AgentState, shared: &Shared, level: &Level) -> Result<(), String> {
+        if !self.replay_kept {
+            return Ok(());
+        }
+        match Past::read(&agent.kept.buffers)? {
+            Some(past) => past.check(shared.sensor.inputs(level)),
+            None => {
+                Err("it holds no replay buffer for replay_kept=true: what replay_saved=true writes does".to_owned())
+            }
+        }
+    }
+
+    fn begin(&self, snapshot: &mut Snapshot, level: &Level) {
+        let brought = std::mem::take(&mut snapshot.agent.kept.buffers);
+        let past =
+            if self.replay_kept { Past::read(&brought).expect("an agent is checked before it is used") } else { None };
+        let replay = past.map(|past| ReplayState::beginning(past, self.buffer_size, level)).unwrap_or_default();
+        replay.write(&mut snapshot.buffers);
+    }
+
+    fn check_snapshot(&self, snapshot: &Snapshot, shared: &Shared, level: &Level) -> Result<(), String> {
+        let replay = ReplayState::read(&snapshot.buffers)?;
+        replay.check(self.buffer_size, level, shared.sensor).map_err(str::to_owned)
     }
 
     fn learner(&self, setup: Setup<'_>) -> Box<dyn Learner> {

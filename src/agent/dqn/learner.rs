@@ -8,13 +8,14 @@ use super::loss::{DqnLoss, TARGET};
 use super::replay::{Replay, ReplayState, Transitions};
 use super::settings::DqnConfig;
 use crate::agent::algorithm::Setup;
+use crate::agent::buffers::Buffers;
 use crate::agent::choice::{Behaviour, uniform};
 use crate::agent::engine::{Engine, Loss};
 use crate::agent::episodes::EpisodeWindow;
 use crate::agent::learner::{Learner, Metrics, weight_norm};
 use crate::agent::mitigation::Regimen;
 use crate::agent::observe::{observations, observe};
-use crate::agent::snapshot::{Buffers, Position, Snapshot};
+use crate::agent::snapshot::{Position, Snapshot};
 use crate::agent::state::AgentState;
 use crate::random::Stream;
 
@@ -73,7 +74,7 @@ impl Dqn {
             envs: snapshot.envs(shared.max_steps, stage).expect("a snapshot is checked before it is used"),
             actions: Stream::at(&snapshot.position.actions),
             minibatches: Stream::at(&snapshot.position.minibatches),
-            replay: Replay::restore(dqn.buffer_size, &stage.level, &replay_of(&snapshot.buffers)),
+            replay: Replay::restore(dqn.buffer_size, &stage.level, shared.sensor, &replay_of(&snapshot.buffers)),
             chosen: Vec::with_capacity(shared.num_envs),
             transitions: Transitions::new(shared.sensor, &stage.level),
             episodes: snapshot.position.episodes,
@@ -208,6 +209,15 @@ impl Learner for Dqn {
 
     fn agents(&self) -> Vec<&AgentState> {
         self.seeds.iter().map(|seed| &seed.agent).collect()
+    }
+
+    fn leaving(&self, seed: usize) -> AgentState {
+        let seed = &self.seeds[seed];
+        let mut agent = seed.agent.clone();
+        if self.config.saves_replay() {
+            seed.replay.past(self.sensor).write(&mut agent.kept.buffers);
+        }
+        agent
     }
 
     fn snapshot(&self, seed: usize) -> Snapshot {

@@ -4,12 +4,14 @@
 //! networks' arithmetic is behind [`Engine`](super::engine::Engine); what is minimised is in [`DqnLoss`].
 
 mod algorithm;
+mod carried;
 mod exploration;
 mod learner;
 mod loss;
 mod replay;
 mod settings;
 
+pub use carried::{Observed, Past};
 pub use exploration::Exploration;
 pub use learner::Dqn;
 pub use loss::DqnLoss;

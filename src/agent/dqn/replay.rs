@@ -7,13 +7,18 @@ use coverage_env::random::below;
 use coverage_env::{Action, Level, Scene, Sensor, State, VecEnv};
 use rand::Rng;
 
+use super::carried::{Carried, Observed, Past};
+use crate::agent::buffers::{Buffers, Data};
 use crate::agent::observe::observations;
-use crate::agent::snapshot::{Buffers, Data};
 
-/// A ring of transitions of one seed on one level, the oldest overwritten first.
+/// What a snapshot calls the observations of earlier stages; there is no such array where there are none.
+const CARRIED: &str = "replay/carried";
+
+/// A ring of transitions of one seed, the oldest overwritten first.
 ///
-/// It keeps scenes, not what a sensor makes of them: the agent's cell and one bit per visited cell. Everything else is the
-/// level's. At 8×8 a transition takes 26 bytes, so that 100,000 of them take 2.6 MB.
+/// Of its own level it keeps scenes, not what a sensor makes of them: the agent's cell and one bit per visited cell.
+/// Everything else is the level's. At 8×8 a transition takes 26 bytes, so that 100,000 of them take 2.6 MB. It may begin with
+/// transitions of earlier stages, which it keeps as observations: 64 bytes more.
 #[derive(Clone, Debug)]
 pub struct Replay {
     level: Arc<Level>,
@@ -34,9 +39,14 @@ pub struct Replay {
     rewards: Vec<f32>,
     /// Whether the episode terminated; a truncated one goes on as far as learning knows, `[capacity]`.
     terminated: Vec<bool>,
+    /// The slots that hold transitions of earlier stages, if it began with any.
+    carried: Option<Carried>,
 }
 
 /// What a [`Replay`] of K transitions holds, as files keep it; its first K slots, in their order.
+///
+/// Slots with transitions of earlier stages have zeros in `cells` and `visited`. They are the oldest: those from `next` on if
+/// the ring is full, and the first ones if not.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReplayState {
     /// The slot that is filled next.
@@ -51,6 +61,8 @@ pub struct ReplayState {
     pub rewards: Vec<f32>,
     /// `[K]`.
     pub terminated: Vec<bool>,
+    /// Observations of the slots with transitions of earlier stages, in their order.
+    pub carried: Observed,
 }
 
 /// A minibatch of B transitions.
@@ -85,11 +97,12 @@ impl Replay {
             actions: vec![0; capacity],
             rewards: vec![0.0; capacity],
             terminated: vec![false; capacity],
+            carried: None,
         }
     }
 
     /// A buffer that holds what another one held; it has been [checked](ReplayState::check).
-    pub(in crate::agent) fn restore(capacity: usize, level: &Arc<Level>, state: &ReplayState) -> Self {
+    pub fn restore(capacity: usize, level: &Arc<Level>, sensor: &dyn Sensor, state: &ReplayState) -> Self {
         let mut replay = Self::new(capacity, level);
         replay.len = state.actions.len();
         replay.next = state.next;
@@ -98,6 +111,8 @@ impl Replay {
         replay.actions[..state.actions.len()].copy_from_slice(&state.actions);
         replay.rewards[..state.rewards.len()].copy_from_slice(&state.rewards);
         replay.terminated[..state.terminated.len()].copy_from_slice(&state.terminated);
+        let carried = |observed: &Observed| Carried::new(replay.oldest(), observed.clone(), sensor, level);
+        replay.carried = Some(&state.carried).filter(|observed| !observed.is_empty()).map(carried);
         replay
     }
 
@@ -111,7 +126,31 @@ impl Replay {
             actions: self.actions[..len].to_vec(),
             rewards: self.rewards[..len].to_vec(),
             terminated: self.terminated[..len].to_vec(),
+            carried: self
+                .carried
+                .as_ref()
+                .filter(|carried| !carried.is_empty())
+                .map(Carried::observed)
+                .unwrap_or_default(),
         }
+    }
+
+    /// What it leaves to the next stage: everything that it holds, as `sensor` sees it.
+    pub fn past(&self, sensor: &dyn Sensor) -> Past {
+        let constant = sensor.constant_inputs(&self.level);
+        let mut past = Past { observed: Observed::new(sensor.inputs(&self.level)), ..Past::default() };
+        let mut inputs = Vec::new();
+        for slot in (0..self.len).map(|i| (self.oldest() + i) % self.len) {
+            for place in [2 * slot, 2 * slot + 1] {
+                inputs.clear();
+                self.push_all(place, &constant, sensor, &mut inputs);
+                past.observed.push(&inputs);
+            }
+            past.actions.push(self.actions[slot]);
+            past.rewards.push(self.rewards[slot]);
+            past.terminated.push(self.terminated[slot]);
+        }
+        past
     }
 
     /// Transitions stored.
@@ -124,7 +163,12 @@ impl Replay {
         self.len == 0
     }
 
-    /// Bytes that the buffer takes.
+    /// The slot of the oldest transition.
+    fn oldest(&self) -> usize {
+        if self.len == self.capacity { self.next } else { 0 }
+    }
+
+    /// Bytes that the buffer takes, without transitions of earlier stages.
     pub fn bytes(&self) -> usize {
         self.cells.len() * 2 + self.visited.len() * 8 + self.actions.len() * (1 + 4 + 1)
     }
@@ -146,6 +190,9 @@ impl Replay {
             self.put(2 * slot + 1, if step.episode.is_some() { last } else { state });
             self.rewards[slot] = step.reward;
             self.terminated[slot] = step.terminated;
+            if let Some(carried) = &mut self.carried {
+                carried.give(slot);
+            }
             self.next = (slot + 1) % self.capacity;
             self.len = self.capacity.min(self.len + 1);
         }
@@ -159,6 +206,9 @@ impl Replay {
     /// Draws `count` transitions uniformly with replacement into `out`.
     pub fn sample(&self, count: usize, stream: &mut impl Rng, out: &mut Transitions) {
         out.clear();
+        if let Some(carried) = &self.carried {
+            carried.share([&mut out.inputs, &mut out.next]);
+        }
         for _ in 0..count {
             self.copy(below(stream, self.len as u32) as usize, out);
         }
@@ -167,10 +217,12 @@ impl Replay {
     /// Appends the transition in `slot` to `out`.
     fn copy(&self, slot: usize, out: &mut Transitions) {
         let sensor = out.sensor;
+        let mixed = self.carried.as_ref().filter(|carried| !carried.is_empty());
         let active = |place: usize, batch: &mut BitBatch| {
-            let visited = &self.visited[place * self.words..][..self.words];
-            let scene = Scene { level: &self.level, agent: self.cells[place], visited };
-            batch.push_with(|rows| sensor.push_active(scene, rows));
+            batch.push_with(|rows| match mixed {
+                None => sensor.push_active(self.scene(place), rows),
+                Some(carried) => self.push_all(place, carried.constant(), sensor, rows),
+            });
         };
         active(2 * slot, &mut out.inputs);
         active(2 * slot + 1, &mut out.next);
@@ -178,9 +230,43 @@ impl Replay {
         out.rewards.push(self.rewards[slot]);
         out.terminated.push(self.terminated[slot]);
     }
+
+    /// The scene at a place of this stage.
+    fn scene(&self, place: usize) -> Scene<'_> {
+        let visited = &self.visited[place * self.words..][..self.words];
+        Scene { level: &self.level, agent: self.cells[place], visited }
+    }
+
+    /// Appends all inputs that are 1 at a place of any stage, ascending; `constant` are those that this level's scenes share.
+    fn push_all(&self, place: usize, constant: &[u16], sensor: &dyn Sensor, rows: &mut Vec<u16>) {
+        match self.carried.as_ref().and_then(|carried| carried.inputs(place)) {
+            Some(inputs) => rows.extend(inputs),
+            None => {
+                let start = rows.len();
+                rows.extend_from_slice(constant);
+                sensor.push_active(self.scene(place), rows);
+                rows[start..].sort_unstable();
+            }
+        }
+    }
 }
 
 impl ReplayState {
+    /// A buffer of this capacity on a level at the beginning of a stage, with what earlier ones have left.
+    pub fn beginning(mut past: Past, capacity: usize, level: &Level) -> Self {
+        past.keep_newest(capacity);
+        let len = past.actions.len();
+        Self {
+            next: len % capacity,
+            cells: vec![0; 2 * len],
+            visited: vec![0; 2 * len * level.len().div_ceil(64)],
+            actions: past.actions,
+            rewards: past.rewards,
+            terminated: past.terminated,
+            carried: past.observed,
+        }
+    }
+
     /// Adds it to the buffers of a snapshot.
     pub fn write(self, buffers: &mut Buffers) {
         let len = self.actions.len();
@@ -192,6 +278,9 @@ impl ReplayState {
         buffers.add("replay/rewards", &[len], Data::F32(self.rewards));
         let terminated = self.terminated.into_iter().map(u8::from).collect();
         buffers.add("replay/terminated", &[len], Data::U8(terminated));
+        if !self.carried.is_empty() {
+            self.carried.write(CARRIED, buffers);
+        }
     }
 
     /// Reads it from the buffers of a snapshot.
@@ -200,31 +289,26 @@ impl ReplayState {
     /// A buffer that is missing or of another type.
     pub fn read(buffers: &Buffers) -> Result<Self, String> {
         let lost = |name: &str| format!("its {name} is missing: it belongs to another algorithm");
-        let data = |name: &str| buffers.get(name).ok_or_else(|| lost(name));
-        let bytes = |name: &str| match data(name)? {
-            Data::U8(values) => Ok(values.clone()),
-            _ => Err(lost(name)),
-        };
-        let words = |name: &str| match data(name)? {
-            Data::U64(values) => Ok(values.clone()),
-            _ => Err(lost(name)),
-        };
-        let next = words("replay/next")?.first().and_then(|&next| usize::try_from(next).ok());
-        let (Data::U16(cells), Data::F32(rewards)) = (data("replay/cells")?, data("replay/rewards")?) else {
-            return Err(lost("replay/cells or replay/rewards"));
-        };
+        let next = buffers.u64s("replay/next").and_then(|next| usize::try_from(*next.first()?).ok());
+        let bytes = |name: &str| buffers.u8s(name).ok_or_else(|| lost(name));
         Ok(Self {
             next: next.ok_or_else(|| lost("replay/next"))?,
-            cells: cells.clone(),
-            visited: words("replay/visited")?,
-            actions: bytes("replay/actions")?,
-            rewards: rewards.clone(),
-            terminated: bytes("replay/terminated")?.into_iter().map(|t| t != 0).collect(),
+            cells: buffers.u16s("replay/cells").ok_or_else(|| lost("replay/cells"))?.to_vec(),
+            visited: buffers.u64s("replay/visited").ok_or_else(|| lost("replay/visited"))?.to_vec(),
+            actions: bytes("replay/actions")?.to_vec(),
+            rewards: buffers.f32s("replay/rewards").ok_or_else(|| lost("replay/rewards"))?.to_vec(),
+            terminated: bytes("replay/terminated")?.iter().map(|&terminated| terminated != 0).collect(),
+            carried: Observed::read(CARRIED, buffers)?.unwrap_or_default(),
         })
     }
 
     /// Checks that a buffer of this capacity on this level can hold it.
-    pub(in crate::agent) fn check(&self, capacity: usize, level: &Level) -> Result<(), &'static str> {
+    pub(in crate::agent) fn check(
+        &self,
+        capacity: usize,
+        level: &Level,
+        sensor: &dyn Sensor,
+    ) -> Result<(), &'static str> {
         let len = self.actions.len();
         let open = level.open_cells().words();
         let lengths = [self.cells.len(), self.visited.len(), self.rewards.len(), self.terminated.len()];
@@ -234,6 +318,11 @@ impl ReplayState {
         let in_order = if len < capacity { self.next == len } else { self.next < capacity };
         if !in_order {
             return Err("its replay buffer is filled in another order");
+        }
+        let oldest = if len == capacity { self.next } else { 0 };
+        let has_carried = !self.carried.is_empty();
+        if has_carried && (!self.carried.is_of(sensor.inputs(level)) || self.carried.len() > len - oldest) {
+            return Err("its replay buffer holds something else of earlier stages than it can");
         }
         let within = |(&cell, visited): (&u16, &[u64])| {
             usize::from(cell) < level.len() && visited.iter().zip(open).all(|(word, open)| word & !open == 0)

@@ -25,6 +25,10 @@ pub struct DqnConfig {
     pub exploration_fraction: f64,
     /// Whether ε decays anew in every stage.
     pub exploration_restarts: bool,
+    /// Whether stage checkpoints hold the replay buffer, so that a fork can keep it.
+    pub replay_saved: bool,
+    /// Whether a stage begins with the replay buffer of the stage before. Its checkpoints then hold it, too.
+    pub replay_kept: bool,
 }
 
 impl Default for DqnConfig {
@@ -40,7 +44,16 @@ impl Default for DqnConfig {
             exploration_final_eps: 0.05,
             exploration_fraction: 0.1,
             exploration_restarts: false,
+            replay_saved: false,
+            replay_kept: false,
         }
+    }
+}
+
+impl DqnConfig {
+    /// Whether an agent takes its replay buffer along from the end of a stage.
+    pub(super) fn saves_replay(&self) -> bool {
+        self.replay_saved || self.replay_kept
     }
 }
 
@@ -84,6 +97,16 @@ impl Settings for DqnConfig {
             "exploration_restarts",
             "whether epsilon decays anew in every stage",
             &mut flag(&mut self.exploration_restarts),
+        );
+        v.field(
+            "replay_saved",
+            "whether stage checkpoints hold the replay buffer, so that a fork can keep it",
+            &mut flag(&mut self.replay_saved),
+        );
+        v.field(
+            "replay_kept",
+            "whether a stage begins with the replay buffer of the stage before (implies replay_saved)",
+            &mut flag(&mut self.replay_kept),
         );
     }
 }

@@ -56,7 +56,8 @@ impl Algorithm for PpoConfig {
         })
     }
 
-    fn memory(&self, shared: &Shared, cells: usize) -> (String, u64) {
+    fn memory(&self, shared: &Shared, level: &Level) -> (String, u64) {
+        let cells = level.len();
         let samples = (self.n_steps * shared.num_envs) as u64;
         // A sample lists the agent's cell and the visited ones, 2 bytes each, and holds some ten numbers.
         let visited = (cells as u64).min(u64::from(shared.max_steps) + 1);
@@ -69,7 +70,7 @@ impl Algorithm for PpoConfig {
         timesteps.div_ceil(samples) * self.n_epochs as u64 * samples.div_ceil(self.batch_size as u64)
     }
 
-    fn check_snapshot(&self, snapshot: &Snapshot, _level: &Level) -> Result<(), String> {
+    fn check_snapshot(&self, snapshot: &Snapshot, _shared: &Shared, _level: &Level) -> Result<(), String> {
         if snapshot.buffers.is_empty() { Ok(()) } else { Err("it belongs to another algorithm".to_owned()) }
     }
 

@@ -10,13 +10,14 @@ use super::loss::{POLICY, PpoLoss, PpoTerms, VALUE};
 use super::rollout::Rollout;
 use super::settings::PpoConfig;
 use crate::agent::algorithm::Setup;
+use crate::agent::buffers::Buffers;
 use crate::agent::choice::Behaviour;
 use crate::agent::engine::{Engine, Loss};
 use crate::agent::episodes::EpisodeWindow;
 use crate::agent::learner::{Learner, Metrics, weight_norm};
 use crate::agent::mitigation::Regimen;
 use crate::agent::observe::{observations, observe};
-use crate::agent::snapshot::{Buffers, Position, Snapshot};
+use crate::agent::snapshot::{Position, Snapshot};
 use crate::agent::state::AgentState;
 use crate::random::Stream;
 
