@@ -11,13 +11,14 @@ use crate::ROOT;
 use crate::sandbox::Sandbox;
 
 /// The studies beside the paper's, with their runs for one seed.
-const STUDIES: [(&str, usize); 10] = [
+const STUDIES: [(&str, usize); 11] = [
     ("a-b-a-b", 3 * (1 + 2)),
     ("dose", 6 * (1 + 5)),
     ("generated-60", 2),
     ("orders", 120 + 5),
     ("why", 2 * (1 + 5) + 4 * (7 + 4 + 7)),
     ("why-dqn", 1 + 5 + 4 * (7 + 3)),
+    ("why-dqn-replay", 1 + 4 * 2),
     ("why-dose", 1 + 4 * (6 + 3)),
     ("why-500k", 1 + 4),
     ("why-age", 7 + 5),
