@@ -303,12 +303,10 @@ impl ReplayState {
     }
 
     /// Checks that a buffer of this capacity on this level can hold it.
-    pub(in crate::agent) fn check(
-        &self,
-        capacity: usize,
-        level: &Level,
-        sensor: &dyn Sensor,
-    ) -> Result<(), &'static str> {
+    ///
+    /// # Errors
+    /// What cannot be so.
+    pub fn check(&self, capacity: usize, level: &Level, sensor: &dyn Sensor) -> Result<(), &'static str> {
         let len = self.actions.len();
         let open = level.open_cells().words();
         let lengths = [self.cells.len(), self.visited.len(), self.rewards.len(), self.terminated.len()];
