@@ -16,3 +16,8 @@ impl UserError {
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct Interrupted(pub String);
+
+/// Another process writes the same run: exit code 75, by which schedulers know that they may try again later.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct Held(pub String);

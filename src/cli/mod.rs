@@ -26,7 +26,7 @@ use clap::{Args, Parser, Subcommand};
 use coverage_env::{Level, LevelError, PlanError};
 
 use crate::config::ConfigError;
-use crate::error::{Interrupted, UserError};
+use crate::error::{Held, Interrupted, UserError};
 use crate::evaluate::Starts;
 use crate::messages::Verbosity;
 use crate::run::checkpoint::CheckpointError;
@@ -66,10 +66,14 @@ impl Cli {
     }
 }
 
-/// The process's exit code for an error: 2 for wrong input, 130 after a signal, 1 for anything else.
+/// The process's exit code for an error: 2 for wrong input, 75 where another process writes the run, 130 after a signal, 1 for
+/// anything else.
 pub fn exit_code(error: &anyhow::Error) -> i32 {
     if error.chain().any(|e| e.is::<Interrupted>()) {
         return 130;
+    }
+    if error.chain().any(|e| e.is::<Held>()) {
+        return 75;
     }
     if is_of_user(error) { 2 } else { 1 }
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 
-use crate::error::UserError;
+use crate::error::Held;
 
 /// Its name within the run.
 pub const NAME: &str = ".lock";
@@ -61,7 +61,7 @@ impl Lock {
         }
         match locked {
             Ok(()) => Ok(Self(file)),
-            Err(TryLockError::WouldBlock) => Err(UserError::new(format!(
+            Err(TryLockError::WouldBlock) => Err(Held(format!(
                 "{} is being written by another process: wait for it, or choose another folder with --out",
                 run.display()
             ))

@@ -301,7 +301,7 @@ fn a_run_that_another_process_writes_is_refused() {
     run.unfinish(1);
     let lock = File::options().write(true).open(run.0.join(".lock")).expect("a run has a lock");
     lock.lock().expect("nobody holds it");
-    let error = sandbox.fails(2, &format!("{SHORT} --resume"));
+    let error = sandbox.fails(75, &format!("{SHORT} --resume"));
     assert!(error.contains("seed-0 is being written by another process") && error.contains("--out"), "{error}");
     drop(lock);
     sandbox.succeeds(&format!("{SHORT} --resume"));

@@ -8,7 +8,7 @@ use coverage_env::random::{below, unit_f32};
 use coverage_env::sensor::Full;
 use coverage_env::{Action, Level, Scene, Sensor, VecEnv};
 use cpp_rl::agent::config::{self, Config};
-use cpp_rl::agent::dqn::{DqnLoss, Replay, Transitions};
+use cpp_rl::agent::dqn::{DqnLoss, Replay, ReplayState, Transitions};
 use cpp_rl::agent::engine::{Device, Engine, FusedEngine, Loss};
 use cpp_rl::agent::ppo::{PpoConfig, PpoLoss, PpoTerms, Rollout};
 use cpp_rl::agent::state::AgentState;
@@ -124,16 +124,24 @@ impl Setting {
         rollout
     }
 
-    /// A replay buffer that a random policy filled.
+    /// A replay buffer that a random policy filled; every second seed's has transitions of an earlier stage as well.
     fn replay(&self, seed: u64) -> Replay {
         let mut stream = Stream::new(seed, 1, Purpose::Actions);
         let mut envs = self.environments(seed);
+        let mut fill = |replay: &mut Replay, steps: usize| {
+            for _ in 0..steps {
+                let actions: Vec<Action> = envs.states().iter().map(|_| uniform(&mut stream)).collect();
+                replay.begin(envs.states(), &actions);
+                envs.step(&actions);
+                replay.end(&envs);
+            }
+        };
         let mut replay = Replay::new(50, &self.level);
-        for _ in 0..40 {
-            let actions: Vec<Action> = envs.states().iter().map(|_| uniform(&mut stream)).collect();
-            replay.begin(envs.states(), &actions);
-            envs.step(&actions);
-            replay.end(&envs);
+        fill(&mut replay, 40);
+        if seed % 2 == 1 {
+            let state = ReplayState::beginning(replay.past(&Full), 50, &self.level);
+            replay = Replay::restore(50, &self.level, &Full, &state);
+            fill(&mut replay, 10);
         }
         replay
     }
