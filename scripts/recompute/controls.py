@@ -60,10 +60,8 @@ def read(path: Path) -> dict[str, Arm]:
 
 def estimate(values: list[float]) -> Row:
     """Mean, t interval and number of values."""
-    if len(values) < 2:
-        return [values[0] if values else None, None, None, len(values)]
-    half = n.t_quantile(0.975, len(values) - 1) * n.deviation(values, without=1) / len(values) ** 0.5
-    return [n.mean(values), n.mean(values) - half, n.mean(values) + half, len(values)]
+    low, high = n.t_interval(values) or (None, None)
+    return [n.mean(values) if values else None, low, high, len(values)]
 
 
 def judged(contrasts: dict[str, list[float]], words: Callable[[str, float], str]) -> Iterator[Row]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from html import escape
 
 from .forks import Contrast
@@ -11,10 +12,15 @@ LOW, HIGH = -0.75, 1.75
 COLOURS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7"]
 
 
+def _label(treatment: str) -> str:
+    """One name for the last layer that acts, whatever the algorithm calls it."""
+    return re.sub(r"\b(policy|q)\.2-", "last layer × ", treatment)
+
+
 def figure(pooled: dict[str, list[Contrast]], by_switch: dict[str, list[Contrast]]) -> str:
     """A panel for each algorithm, a row for each treatment: the share over all switches with its interval, and a smaller
     point for each switch."""
-    treatments = sorted({c.treatment for contrasts in pooled.values() for c in contrasts}, key=lambda name: (name.count("+"), name))
+    treatments = sorted({_label(c.treatment) for contrasts in pooled.values() for c in contrasts}, key=lambda name: (name.count("+"), name))
     switches = sorted({c.switch for contrasts in by_switch.values() for c in contrasts})
     height = TOP + ROW * len(treatments) + 44
     width = LABELS + len(pooled) * (PANEL + GAP)
@@ -52,12 +58,12 @@ def _panel(
         parts.append(f'<text x="{x(tick)}" y="{bottom + 16}" text-anchor="middle" font-size="10">{tick:g}</text>')
     parts.append(f'<text x="{left + PANEL / 2}" y="{bottom + 34}" text-anchor="middle">recovered share</text>')
     for c in single:
-        if c.share is not None and c.treatment in treatments:
+        if c.share is not None and _label(c.treatment) in treatments:
             colour = COLOURS[switches.index(c.switch) % len(COLOURS)]
-            y = TOP + ROW * treatments.index(c.treatment) + 5 + 4 * switches.index(c.switch)
+            y = TOP + ROW * treatments.index(_label(c.treatment)) + 5 + 4 * switches.index(c.switch)
             parts.append(f'<circle cx="{x(c.share)}" cy="{y}" r="3" fill="{colour}"/>')
     for c in contrasts:
-        y = TOP + ROW * treatments.index(c.treatment) + 11
+        y = TOP + ROW * treatments.index(_label(c.treatment)) + 11
         if c.share is None:
             parts.append(f'<text x="{x(0)}" y="{y + 4}" font-size="10">no loss</text>')
             continue

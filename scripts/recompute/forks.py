@@ -20,6 +20,8 @@ LEVEL = 0.025
 # The treatment that makes a new agent, and the names of the three factors as the study's grid writes them.
 FRESH = "weights-fresh+optimizer-fresh"
 WEIGHTS, OPTIMIZER = "weights-fresh", "optimizer-fresh"
+# "fresh-X" is a new agent under the treatment X. It is what X is compared with, and no candidate itself.
+NEW = "fresh-"
 
 Values = dict[int, float]
 
@@ -37,6 +39,10 @@ class Algorithm:
     def treatments(self) -> list[str]:
         """All but the curriculum's own."""
         return sorted({treatment for treatment, _, _ in self.values if treatment})
+
+    def candidates(self) -> list[str]:
+        """Those that may give back what is lost."""
+        return [treatment for treatment in self.treatments() if treatment != FRESH and not treatment.startswith(NEW)]
 
     def switches(self) -> list[int]:
         """The stages after which there are forks."""
@@ -116,13 +122,6 @@ def _above(values: Sequence[float]) -> float:
     return p / 2 if n.mean(values) > 0 else 1 - p / 2
 
 
-def _t_interval(values: Sequence[float]) -> n.Bounds:
-    if len(values) < 2:
-        return None
-    half = n.t_quantile(0.975, len(values) - 1) * n.deviation(values, without=1) / math.sqrt(len(values))
-    return n.mean(values) - half, n.mean(values) + half
-
-
 def _contrast(treatment: str, switch: str, warm: Values, treated: Values, fresh: Values) -> Contrast | None:
     seeds = sorted(warm.keys() & treated.keys() & fresh.keys())
     if len(seeds) < 2:
@@ -152,7 +151,7 @@ def _contrast(treatment: str, switch: str, warm: Values, treated: Values, fresh:
             "excluded": _above([-value for value in beyond(EXCLUDED)]),
             "helps": _above(beyond(HELPS)),
         },
-        (n.mean(rest), _t_interval(rest)),
+        (n.mean(rest), n.t_interval(rest)),
     )
 
 
@@ -177,9 +176,9 @@ def pooled(algorithm: Algorithm) -> list[Contrast]:
     """The primary family: every treatment over all switches."""
     switches = algorithm.switches()
     warm, fresh = (over_switches(algorithm, of, switches) for of in ("", FRESH))
-    others = [treatment for treatment in algorithm.treatments() if treatment != FRESH]
     contrasts = (
-        _contrast(treatment, "all", warm, over_switches(algorithm, treatment, switches), fresh) for treatment in others
+        _contrast(treatment, "all", warm, over_switches(algorithm, treatment, switches), fresh)
+        for treatment in algorithm.candidates()
     )
     return _adjust([contrast for contrast in contrasts if contrast])
 
@@ -189,11 +188,25 @@ def by_switch(algorithm: Algorithm) -> list[Contrast]:
     contrasts = []
     for switch in algorithm.switches():
         warm, fresh = algorithm.area("", switch), algorithm.area(FRESH, switch)
-        for treatment in algorithm.treatments():
-            if treatment != FRESH:
-                treated = algorithm.area(treatment, switch)
-                contrasts.append(_contrast(treatment, str(switch), warm, treated, fresh))
+        for treatment in algorithm.candidates():
+            treated = algorithm.area(treatment, switch)
+            contrasts.append(_contrast(treatment, str(switch), warm, treated, fresh))
     return _adjust([contrast for contrast in contrasts if contrast])
+
+
+def beside_new(algorithm: Algorithm) -> Iterator[tuple[str, str, float, float, float, n.Bounds, int]]:
+    """The area of an agent with its past under a treatment, that of a new agent under the same one, and their difference: over
+    all switches, and at each."""
+    switches = algorithm.switches()
+    for name in (treatment for treatment in algorithm.treatments() if treatment.startswith(NEW)):
+        treatment = name.removeprefix(NEW)
+        for switch, among in [("all", switches), *((str(switch), [switch]) for switch in switches)]:
+            past, new = (over_switches(algorithm, of, among) for of in (treatment, name))
+            seeds = sorted(past.keys() & new.keys())
+            if len(seeds) > 1:
+                differences = [past[seed] - new[seed] for seed in seeds]
+                means = (n.mean([areas[seed] for seed in seeds]) for areas in (past, new))
+                yield treatment, switch, *means, n.mean(differences), n.t_interval(differences), len(seeds)
 
 
 def effects(algorithm: Algorithm) -> Iterator[tuple[str, float, n.Bounds, int]]:
@@ -217,7 +230,7 @@ def effects(algorithm: Algorithm) -> Iterator[tuple[str, float, n.Bounds, int]]:
             return sum(sign * cells[on][seed] for on, sign in signs.items()) / 4
 
         values = [of(seed) for seed in seeds]
-        yield " × ".join(factors[place] for place in chosen), n.mean(values), _t_interval(values), len(seeds)
+        yield " × ".join(factors[place] for place in chosen), n.mean(values), n.t_interval(values), len(seeds)
 
 
 # What is shown of an agent before the first update of the stage after the switch, on states that it visits there.
@@ -281,4 +294,4 @@ def measures(algorithm: Algorithm, before: Algorithm) -> Iterator[tuple[str, dic
                     by_seed[seed].append(correlation)
         correlations = [n.mean(values) for values in by_seed.values()]
         mean = n.mean(correlations) if correlations else None
-        yield name, means, mean, _t_interval(correlations), len(correlations)
+        yield name, means, mean, n.t_interval(correlations), len(correlations)

@@ -160,6 +160,14 @@ def median_interval(values: Sequence[float]) -> Bounds:
     return (ordered[k - 1], ordered[-k]) if k else None
 
 
+def t_interval(values: Sequence[float]) -> Bounds:
+    """Student's interval of the mean."""
+    if len(values) < 2:
+        return None
+    half = t_quantile((1 + CONFIDENCE) / 2, len(values) - 1) * deviation(values, without=1) / math.sqrt(len(values))
+    return mean(values) - half, mean(values) + half
+
+
 def mean_interval(values: Sequence[float]) -> Bounds:
     """The interval of a mean that docs/metrics.md gives so many values."""
     if len(values) < 2:

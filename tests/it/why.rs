@@ -16,6 +16,8 @@ const QUANTILE: f64 = 2.776_445;
 
 /// What the script writes.
 const TABLES: [&str; 7] = ["verdicts", "switches", "effects", "measures", "correlations", "times", "fresh-and-scratch"];
+/// What it writes where a study has new agents under a treatment.
+const NEW_AGENTS: &str = "new-agents";
 
 /// Rows of a table of the script, by column.
 type Rows = Vec<BTreeMap<String, String>>;
@@ -67,6 +69,9 @@ fn shares_and_intervals_are_what_their_definition_says() {
         seeds += &format!("x,curriculum,,{seed},1,b,area,{warm}\nx,curriculum,,{seed},1,b,timesteps,9\n");
         seeds += &fork("policy.2-0.02", treated);
         seeds += &fork("weights-fresh+optimizer-fresh", fresh);
+        // A treatment beside a new agent under it, which is no candidate.
+        seeds += &fork("bonus", treated + 0.02);
+        seeds += &fork("fresh-bonus", fresh - 0.01);
         let scratch = format!("x (from scratch),level-b,,{seed},0,b");
         seeds += &format!("{scratch},area,{}\n{scratch},timesteps,9\n", fresh + 0.01);
     }
@@ -76,7 +81,7 @@ fn shares_and_intervals_are_what_their_definition_says() {
         println!("skipped: no python3");
         return;
     };
-    let [row] = &tables["verdicts"][..] else { panic!("{tables:?}") };
+    let [_, row] = &tables["verdicts"][..] else { panic!("{tables:?}") };
     assert_eq!(
         (row["algorithm"].as_str(), row["treatment"].as_str(), row["seeds"].as_str()),
         ("x", "policy.2-0.02", "5")
@@ -87,9 +92,12 @@ fn shares_and_intervals_are_what_their_definition_says() {
     // Fieller's bounds are where d(r) is just significant.
     assert!((t(number(row, "low")) - QUANTILE).abs() < 1e-4, "{row:?}");
     assert!((t(number(row, "high")) + QUANTILE).abs() < 1e-4, "{row:?}");
-    // One switch and one treatment: the pooled table and that of switches say the same.
-    assert_eq!(tables["switches"].len(), 1);
-    assert_eq!(tables["switches"][0]["recovered share"], row["recovered share"]);
+    // One switch: the pooled table and that of switches say the same.
+    assert_eq!(tables["switches"].len(), 2);
+    assert_eq!(tables["switches"][1]["recovered share"], row["recovered share"]);
+    let beside = rows(&sandbox.path("verdicts").join(format!("{NEW_AGENTS}.csv")));
+    assert_eq!((beside[0]["treatment"].as_str(), beside[0]["seeds"].as_str()), ("bonus", "5"));
+    assert!((number(&beside[0], "difference") - mean(|[_, t, f]| t - f + 0.03)).abs() < 1e-12);
     // 0.2 is far below the bounds, and 0.8 and 1 are not both below them.
     assert!(t(0.2) > QUANTILE && t(1.0) < -QUANTILE, "{} {}", t(0.2), t(1.0));
     assert!(number(row, "p excluded") > 0.9 && number(row, "p helps") > 0.9);
