@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import gzip
 import io
-from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections import Counter, defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -31,10 +31,10 @@ class Arm:
     def seeds(self, sequence: str) -> list[int]:
         return sorted({seed for s, measure, seed, _ in self.values if (s, measure) == (sequence, AREA)})
 
-    def areas(self, sequence: str, seed: int) -> dict[int, tuple[str, float]]:
+    def areas(self, sequence: str, seed: int) -> list[tuple[str, float]]:
         """Level and area of each stage."""
-        stages = range(1 + max(stage for s, stage in self.level if s == sequence))
-        return {stage: (self.level[sequence, stage], self.values[sequence, AREA, seed, stage]) for stage in stages}
+        found = {at: value for (s, m, of, at), value in self.values.items() if (s, m, of) == (sequence, AREA, seed)}
+        return [(self.level[sequence, stage], found[stage]) for stage in sorted(found)]
 
 
 def read(path: Path) -> dict[str, Arm]:
@@ -64,25 +64,27 @@ def estimate(values: list[float]) -> Row:
     return [n.mean(values) if values else None, low, high, len(values)]
 
 
-def judged(contrasts: dict[str, list[float]], words: Callable[[str, float], str]) -> Iterator[Row]:
-    """Each contrast with its interval, its two-sided p-value after Holm's correction, and the verdict."""
+def judged(contrasts: dict[str, list[float]], words: dict[str, str]) -> Iterator[Row]:
+    """Each contrast with its interval, its two-sided p-value after Holm's correction, and the verdict in these words."""
     p_values = {name: n.p_value(values) for name, values in contrasts.items()}
     adjusted = n.holm({name: p for name, p in p_values.items() if p is not None})
     for name, values in contrasts.items():
         p = adjusted.get(name)
         is_decided = p is not None and p < LEVEL
-        yield [name, *estimate(values), p, words(name, n.mean(values)) if is_decided else "undecided"]
+        yield [name, *estimate(values), p, words[name] if is_decided else "undecided"]
 
 
 # --- 3. Age ----------------------------------------------------------------------------------------------------------
 
 AGES = ["young", "old", "curriculum"]
+# The sequence with all levels in their order.
+CURRICULUM = "curriculum-01234"
 
 
 def _aged(arm: Arm, age: str, stage: int, measure: str) -> dict[int, float]:
     """Values of the stage that follows the switch, by seed."""
     if age == "curriculum":
-        sequence, last = next(s for s in arm.sequences() if s.startswith("curriculum")), stage
+        sequence, last = CURRICULUM, stage
     else:
         sequence, last = f"{age}-{stage}", stage if age == "old" else 1
     found = ((seed, at, value) for (s, m, seed, at), value in arm.values.items() if (s, m) == (sequence, measure))
@@ -90,7 +92,7 @@ def _aged(arm: Arm, age: str, stage: int, measure: str) -> dict[int, float]:
 
 
 def has_ages(arm: Arm) -> bool:
-    return {"young-2", "old-2"} <= set(arm.sequences())
+    return {CURRICULUM, "young-2", "old-2"} <= set(arm.sequences())
 
 
 def _stages(arm: Arm) -> list[int]:
@@ -117,7 +119,7 @@ def age_contrasts(arm: Arm) -> Iterator[Row]:
     contrasts = {"old - young": ("old", "young"), "curriculum - old": ("curriculum", "old")}
     words = {"old - young": "age matters", "curriculum - old": "other levels matter"}
     pooled = {name: difference(*of, _stages(arm)) for name, of in contrasts.items()}
-    for row in judged(pooled, lambda name, _: words[name]):
+    for row in judged(pooled, words):
         yield ["all", *row]
     for stage in _stages(arm):
         for name, of in contrasts.items():
@@ -140,12 +142,28 @@ class Life:
 
 
 def lives(arm: Arm) -> list[Life]:
-    found = []
+    """One of each seed, all of them finished.
+
+    A seed that goes through several orders, or has fewer stages than others, raises a ValueError.
+    """
+    found: dict[int, Life] = {}
     for sequence in arm.sequences():
         for seed in arm.seeds(sequence):
-            stages = arm.areas(sequence, seed)
-            found.append(Life(seed, [stages[stage] for stage in sorted(stages)]))
-    return sorted(found, key=lambda life: life.seed)
+            if seed in found:
+                raise ValueError(f"seed {seed} goes through several orders: give a study whose seeds take them in turn")
+            found[seed] = Life(seed, arm.areas(sequence, seed))
+    most = max(len(life.stages) for life in found.values())
+    short = [str(seed) for seed, life in sorted(found.items()) if len(life.stages) < most]
+    if short:
+        raise ValueError(f"seeds {', '.join(short)} have fewer than {most} stages: let their runs end first")
+    return [found[seed] for seed in sorted(found)]
+
+
+def is_balanced(all_lives: list[Life]) -> bool:
+    """Whether every level stands at every position equally often."""
+    counts = Counter((at, level) for life in all_lives for at, (level, _) in enumerate(life.stages))
+    levels = {level for _, level in counts}
+    return len(counts) == len(levels) * len(all_lives[0].stages) and len(set(counts.values())) == 1
 
 
 def _means(pairs: Iterator[tuple[object, float]]) -> dict[object, float]:
@@ -170,18 +188,22 @@ def slopes(all_lives: list[Life]) -> dict[int, float]:
 
 
 def losses(all_lives: list[Life]) -> dict[int, float]:
-    """Mean area at positions 1 to the last minus that of the same levels at position 0; by seed. Levels that never stand
-    at position 0 are left out."""
+    """Mean area at positions 1 to the last minus that at position 0, the mean of each level at position 0 subtracted from
+    both; by seed. So what is a seed's own cancels, and the means of levels do so where orders are balanced."""
     first = _means(life.stages[0] for life in all_lives)
-    lost = {life.seed: [a - first[level] for level, a in life.stages[1:] if level in first] for life in all_lives}
-    return {seed: n.mean(values) for seed, values in lost.items() if values}
+    lost = {}
+    for life in all_lives:
+        here = [area - first[level] for level, area in life.stages if level in first]
+        if len(here) > 1:
+            lost[life.seed] = n.mean(here[1:]) - here[0]
+    return lost
 
 
 def positions(arm: Arm) -> Iterator[Row]:
     """Mean area by position and level."""
     all_lives = lives(arm)
     levels = sorted({level for life in all_lives for level, _ in life.stages})
-    for position in range(min(len(life.stages) for life in all_lives)):
+    for position in range(len(all_lives[0].stages)):
         here = [life.stages[position] for life in all_lives]
         for level in levels:
             yield [position, level, *estimate([area for of, area in here if of == level])]
@@ -189,21 +211,23 @@ def positions(arm: Arm) -> Iterator[Row]:
 
 
 def order_contrasts(arms: dict[str, Arm]) -> Iterator[Row]:
-    """Slope over positions and loss, of each arm and between the two."""
-    of = {name: (slopes(lives(arm)), losses(lives(arm))) for name, arm in arms.items()}
+    """Slope over positions and loss, of each arm, and of each arm against the first."""
+    all_lives = {name: lives(arm) for name, arm in sorted(arms.items())}
+    of = {name: (slopes(of_arm), losses(of_arm)) for name, of_arm in all_lives.items()}
     for name, (slope, loss) in of.items():
         row = estimate(list(slope.values()))
         verdict = "the loss grows" if row[2] is not None and row[2] < 0 else "no growth shown"
-        yield [name, "slope over positions 1 to the last", *row, verdict]
+        yield [name, "slope over positions 1 to the last", *row, verdict if is_balanced(all_lives[name]) else "orders are not balanced"]
         yield [name, "area with a past minus at position 0", *estimate(list(loss.values())), ""]
-    if len(of) == 2:
-        (one, first), (other, second) = of.items()
-        for title, a, b in zip(["slope", "loss"], first, second):
+    (one, first), *others = of.items()
+    for other, second in others:
+        for title, a, b in zip(["slope", "area with a past minus at position 0"], first, second):
             yield [f"{other} - {one}", title, *estimate([b[seed] - a[seed] for seed in sorted(a.keys() & b.keys())]), ""]
 
 
 def predecessors(arm: Arm) -> Iterator[Row]:
-    """What remains of the area of a level after another one, without the means of level and position."""
+    """What remains of the area of a level after another one, without the means of level and position, which the intervals
+    take as they are."""
     after = [
         (life.seed, life.stages[at - 1][0], level, at, area)
         for life in lives(arm)
@@ -216,6 +240,8 @@ def predecessors(arm: Arm) -> Iterator[Row]:
     groups: dict[tuple[str, str], list[float]] = defaultdict(list)
     for _, before, level, at, area in after:
         groups[level, before].append(area - levels[level] - places[at] + whole)
+    means = [n.mean(values) for values in groups.values()]
+    yield ["largest minus smallest", "", max(means) - min(means), None, None, len(after)]
     for (level, before), values in sorted(groups.items()):
         low, high = n.bootstrap([values], lambda scores: n.mean(scores[0])) or (None, None)
         yield [level, before, n.mean(values), low, high, len(values)]

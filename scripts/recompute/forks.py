@@ -42,7 +42,12 @@ class Algorithm:
 
     def candidates(self) -> list[str]:
         """Those that may give back what is lost."""
-        return [treatment for treatment in self.treatments() if treatment != FRESH and not treatment.startswith(NEW)]
+        return [treatment for treatment in self.treatments() if treatment != FRESH and treatment not in self.new_agents()]
+
+    def new_agents(self) -> dict[str, str]:
+        """The treatment that each new agent under a treatment is compared with."""
+        of = {treatment: treatment.removeprefix(NEW) for treatment in self.treatments() if treatment.startswith(NEW)}
+        return {new: treatment for new, treatment in of.items() if treatment in self.treatments()}
 
     def switches(self) -> list[int]:
         """The stages after which there are forks."""
@@ -111,6 +116,8 @@ def read(path: Path) -> dict[str, Algorithm]:
         if len(algorithm.sequences) > 1:
             sequences = ", ".join(sorted(algorithm.sequences))
             raise ValueError(f"{path}: {name} has several sequences ({sequences}): give a seeds.csv of one")
+        if FRESH not in algorithm.treatments():
+            raise ValueError(f"{path}: {name} has no treatment {FRESH}, with which the others are compared: add it to the fork")
     return forked
 
 
@@ -198,8 +205,7 @@ def beside_new(algorithm: Algorithm) -> Iterator[tuple[str, str, float, float, f
     """The area of an agent with its past under a treatment, that of a new agent under the same one, and their difference: over
     all switches, and at each."""
     switches = algorithm.switches()
-    for name in (treatment for treatment in algorithm.treatments() if treatment.startswith(NEW)):
-        treatment = name.removeprefix(NEW)
+    for name, treatment in algorithm.new_agents().items():
         for switch, among in [("all", switches), *((str(switch), [switch]) for switch in switches)]:
             past, new = (over_switches(algorithm, of, among) for of in (treatment, name))
             seeds = sorted(past.keys() & new.keys())
@@ -269,7 +275,7 @@ def measures(algorithm: Algorithm, before: Algorithm) -> Iterator[tuple[str, dic
     """Each measure at the switch: its mean over seeds and switches by treatment, and its rank correlation with the area
     over the treatments. That is of each seed and switch, then the mean over switches, with an interval over seeds."""
     switches = algorithm.switches()
-    treatments = ["", *algorithm.treatments()]
+    treatments = ["", *sorted([FRESH, *algorithm.candidates()])]
     for name in SHOWN:
         found = {
             (treatment, switch): before.values.get((treatment, switch + 1, f"before/plasticity/{name}"), {})

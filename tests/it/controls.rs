@@ -50,42 +50,82 @@ fn seeds_csv(lives: &[Life]) -> String {
     text
 }
 
-/// Level a has 0.3 more than b, and b more than c; each position takes 0.1; with seed 3 it takes 0.2.
+/// Level a has 0.3 more than b, and b more than c; each position takes 0.1, with seed 3 0.2; seed 4 has 1 more throughout, and
+/// level c 0.06 more after a.
 #[test]
 fn slopes_over_positions_are_without_levels() {
     let sandbox = Sandbox::new();
-    let orders = ["abc", "acb", "bac", "bca", "cab", "cba"];
     let of_level = |level: char| match level {
         'a' => ("a", 0.9),
         'b' => ("b", 0.6),
         _ => ("c", 0.3),
     };
-    let lives = orders.iter().enumerate().map(|(seed, order)| {
+    let area = |seed: u64, order: &str, at: usize| {
         let step = if seed == 3 { 0.2 } else { 0.1 };
-        let stages =
-            order.chars().map(of_level).enumerate().map(|(at, (level, area))| (level, area - step * at as f64));
-        (format!("order-{order}"), seed as u64, stages.collect())
-    });
+        let (level, area) = of_level(order.chars().nth(at).expect("a level"));
+        let after_a = at > 0 && level == "c" && &order[at - 1..at] == "a";
+        (level, area - step * at as f64 + f64::from(seed == 4) + if after_a { 0.06 } else { 0.0 })
+    };
+    let orders = ["abc", "acb", "bac", "bca", "cab", "cba"];
+    let life = |(seed, order): (u64, &&str)| {
+        (format!("order-{order}"), seed, (0..3).map(|at| area(seed, order, at)).collect::<Vec<_>>())
+    };
+    let lives: Vec<Life> = (0..).zip(&orders).map(life).collect();
     let file = sandbox.path("seeds.csv");
-    fs::write(&file, seeds_csv(&lives.collect::<Vec<_>>())).expect("writable");
+    fs::write(&file, seeds_csv(&lives)).expect("writable");
     let Some(orders) = table(&sandbox, &file, "orders") else {
         println!("skipped: no python3");
         return;
     };
-    // Each level stands at positions 1 and 2 four times, of which seed 3 (b, c, a) has one in c and one in a. Their means are
-    // lower by (0.1 + 0.2) / 4 and so on, which moves slopes between seeds, but not their mean.
-    let slope = find(&orders, &[("outcome", "slope over positions 1 to the last")]);
-    close(number(slope, "mean"), -(5.0 * 0.1 + 0.2) / 6.0);
-    assert_eq!(slope["seeds"], "6");
-    let loss = find(&orders, &[("outcome", "area with a past minus at position 0")]);
-    close(number(loss, "mean"), -(5.0 * 0.15 + 0.3) / 6.0);
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let level_mean = |name: &str, position: std::ops::Range<usize>| {
+        let stages = lives.iter().flat_map(|(_, _, stages)| &stages[position.clone()]);
+        mean(&stages.filter(|(level, _)| *level == name).map(|(_, area)| *area).collect::<Vec<_>>())
+    };
+    // Seed by seed, from the definition; the quantile of Student's t with five degrees of freedom is from a printed table.
+    let check = |outcome: &str, values: &[f64]| {
+        let row = find(&orders, &[("outcome", outcome)]);
+        let squares: f64 = values.iter().map(|value| (value - mean(values)).powi(2)).sum();
+        let half = 2.570_582 * (squares / 5.0 / 6.0).sqrt();
+        close(number(row, "mean"), mean(values));
+        assert!((number(row, "low") - (mean(values) - half)).abs() < 1e-6, "{row:?}");
+        assert_eq!(row["seeds"], "6");
+    };
+    let slope = |(_, _, stages): &Life| {
+        let rest = |at: usize| stages[at].1 - level_mean(stages[at].0, 1..3);
+        rest(2) - rest(1)
+    };
+    check("slope over positions 1 to the last", &lives.iter().map(slope).collect::<Vec<_>>());
+    let loss = |(_, _, stages): &Life| {
+        let rest = |at: usize| stages[at].1 - level_mean(stages[at].0, 0..1);
+        (rest(1) + rest(2)) / 2.0 - rest(0)
+    };
+    check("area with a past minus at position 0", &lives.iter().map(loss).collect::<Vec<_>>());
     let positions = table(&sandbox, &file, "positions").expect("python3");
     close(number(find(&positions, &[("position", "0"), ("level", "b")]), "mean"), 0.6);
+    // Position 1 of level b: seeds 0 (a, b, c) and 5 (c, b, a).
     close(number(find(&positions, &[("position", "1"), ("level", "b")]), "mean"), 0.5);
     let predecessors = table(&sandbox, &file, "predecessors").expect("python3");
-    let rest: f64 = predecessors.iter().map(|row| number(row, "mean") * number(row, "seeds")).sum();
-    assert_eq!(predecessors.len(), 6);
-    close(rest, 0.0);
+    let of =
+        |level: &str, after: &str| number(find(&predecessors, &[("level", level), ("after level", after)]), "mean");
+    // What c has after a is what it lacks after b, since the mean of the level is taken away.
+    assert!(of("c", "a") > of("c", "b") && predecessors.len() == 7, "{predecessors:?}");
+
+    let twice = [lives[0].clone(), ("order-cba".to_owned(), 0, lives[5].2.clone())];
+    assert!(refused(&sandbox, &twice).contains("seed 0 goes through several orders"));
+    let mut short = lives;
+    short[2].2.pop();
+    assert!(refused(&sandbox, &short).contains("seeds 2 have fewer than 3 stages"));
+}
+
+/// What the script says of lives that it does not take.
+fn refused(sandbox: &Sandbox, lives: &[Life]) -> String {
+    let file = sandbox.path("refused.csv");
+    fs::write(&file, seeds_csv(lives)).expect("writable");
+    let script = Path::new(ROOT).join("scripts/recompute-controls");
+    let output = Command::new("python3").arg(script).arg(&file).output().expect("python3");
+    assert_eq!(output.status.code(), Some(2));
+    String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 #[test]
@@ -100,9 +140,11 @@ fn ages_are_compared_seed_by_seed() {
             lives.push((sequence.to_owned(), seed as u64, stages));
         };
         let common = seed as f64;
-        add("curriculum-012", &["0", "1", "2"], common + 0.4 + noise);
+        add("curriculum-01234", &["0", "1", "2", "3"], common + 0.9);
         add("young-2", &["1", "2"], common + 0.8);
         add("old-2", &["1", "1", "2"], common + 0.6 - noise);
+        add("young-3", &["2", "3"], common + 0.8);
+        add("old-3", &["2", "2", "2", "3"], common + 0.7);
     }
     let file = sandbox.path("seeds.csv");
     fs::write(&file, seeds_csv(&lives)).expect("writable");
@@ -112,10 +154,16 @@ fn ages_are_compared_seed_by_seed() {
     };
     let mean = noise.iter().sum::<f64>() / 5.0;
     let age = find(&contrasts, &[("stage", "all"), ("contrast of areas", "old - young")]);
-    close(number(age, "mean"), -0.2 - mean);
+    close(number(age, "mean"), (-0.2 - mean - 0.1) / 2.0);
     assert_eq!(age["verdict"], "age matters");
-    let levels = find(&contrasts, &[("stage", "2"), ("contrast of areas", "curriculum - old")]);
-    close(number(levels, "mean"), -0.2 + 2.0 * mean);
+    let at = |stage: &str, contrast: &str| {
+        number(find(&contrasts, &[("stage", stage), ("contrast of areas", contrast)]), "mean")
+    };
+    close(at("2", "old - young"), -0.2 - mean);
+    close(at("3", "old - young"), -0.1);
+    // Stage 2 of the curriculum has 0.5, stage 3 has 0.9 and what a seed has in common.
+    close(at("3", "curriculum - old"), 0.2);
+    close(at("2", "curriculum - old"), 0.5 - 2.0 - 0.6 + mean);
 }
 
 /// The whole way, with what the program makes at this moment.
