@@ -49,12 +49,17 @@ def assert_same(left: Any, right: Any) -> None:
     assert data_equivalence(left, right, exact=True), f"{left}\n--- differs from ---\n{right}"
 
 
-def cpp_rl(*arguments: str | Path) -> str:
-    """What the binary prints: that of the variable CPP_RL, or the repository's own release build."""
+def binary() -> Path:
+    """That of the variable CPP_RL, or the repository's own release build."""
     target = REPOSITORY / os.environ.get("CARGO_TARGET_DIR", "target")
-    binary = Path(os.environ.get("CPP_RL") or target / "release" / "cpp-rl")
-    if not binary.is_file():
-        pytest.fail(f"{binary} is missing; build it with `cargo build --release --bin cpp-rl`, or set CPP_RL to it")
-    done = subprocess.run([binary, *arguments], capture_output=True, text=True, check=False)
+    path = Path(os.environ.get("CPP_RL") or target / "release" / "cpp-rl")
+    if not path.is_file():
+        pytest.fail(f"{path} is missing; build it with `cargo build --release --bin cpp-rl`, or set CPP_RL to it")
+    return path
+
+
+def cpp_rl(*arguments: str | Path) -> str:
+    """What the binary prints."""
+    done = subprocess.run([binary(), *arguments], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -129,7 +129,7 @@ def _above(values: Sequence[float]) -> float:
     return p / 2 if n.mean(values) > 0 else 1 - p / 2
 
 
-def _contrast(treatment: str, switch: str, warm: Values, treated: Values, fresh: Values) -> Contrast | None:
+def contrast(treatment: str, switch: str, warm: Values, treated: Values, fresh: Values) -> Contrast | None:
     seeds = sorted(warm.keys() & treated.keys() & fresh.keys())
     if len(seeds) < 2:
         return None
@@ -184,10 +184,10 @@ def pooled(algorithm: Algorithm) -> list[Contrast]:
     switches = algorithm.switches()
     warm, fresh = (over_switches(algorithm, of, switches) for of in ("", FRESH))
     contrasts = (
-        _contrast(treatment, "all", warm, over_switches(algorithm, treatment, switches), fresh)
+        contrast(treatment, "all", warm, over_switches(algorithm, treatment, switches), fresh)
         for treatment in algorithm.candidates()
     )
-    return _adjust([contrast for contrast in contrasts if contrast])
+    return _adjust([found for found in contrasts if found])
 
 
 def by_switch(algorithm: Algorithm) -> list[Contrast]:
@@ -197,8 +197,8 @@ def by_switch(algorithm: Algorithm) -> list[Contrast]:
         warm, fresh = algorithm.area("", switch), algorithm.area(FRESH, switch)
         for treatment in algorithm.candidates():
             treated = algorithm.area(treatment, switch)
-            contrasts.append(_contrast(treatment, str(switch), warm, treated, fresh))
-    return _adjust([contrast for contrast in contrasts if contrast])
+            contrasts.append(contrast(treatment, str(switch), warm, treated, fresh))
+    return _adjust([found for found in contrasts if found])
 
 
 def beside_new(algorithm: Algorithm) -> Iterator[tuple[str, str, float, float, float, n.Bounds, int]]:
