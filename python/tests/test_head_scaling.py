@@ -1,4 +1,4 @@
-"""scripts/sb3-head-scaling: what it changes in a model, and that it goes on where it stopped."""
+"""scripts/sb3-head-scaling: what it changes in a model, that it goes on where it stopped, and the table of the page."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from oracle import REPOSITORY
 from support import binary, cpp_rl, make
 
 SCRIPT = REPOSITORY / "scripts" / "sb3-head-scaling"
+WHY = REPOSITORY / "docs" / "results" / "why"
 
 
 def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -28,6 +29,13 @@ def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     )
     assert done.returncode == 0, done.stderr
     return done
+
+
+def test_the_table_of_the_page_is_that_of_its_file() -> None:
+    printed = [line for line in run("--table", WHY / "sb3.csv").stdout.splitlines() if line.startswith("|")]
+    page = (WHY / "README.md").read_text().splitlines()
+    assert len(printed) == 12
+    assert [line for line in printed if line not in page] == []
 
 
 @pytest.fixture(scope="module")
