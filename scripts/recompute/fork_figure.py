@@ -34,6 +34,9 @@ def figure(pooled: dict[str, list[Contrast]], by_switch: dict[str, list[Contrast
         parts.append(f'<circle cx="{x}" cy="34" r="3" fill="{COLOURS[place % len(COLOURS)]}"/><text x="{x + 8}" y="38">after stage {switch}</text>')
     x = LABELS + 110 * len(switches)
     parts.append(f'<circle cx="{x}" cy="34" r="5" fill="black"/><text x="{x + 10}" y="38">all, with 95% interval</text>')
+    shares = [c.share for contrasts in (*pooled.values(), *by_switch.values()) for c in contrasts if c.share is not None]
+    if any(not LOW <= share <= HIGH for share in shares):
+        parts.append(f'<text x="{x + 190}" y="38" font-size="10">what lies beyond an edge is drawn on it</text>')
     for row, treatment in enumerate(treatments):
         parts.append(f'<text x="{LABELS - 10}" y="{TOP + ROW * row + 16}" text-anchor="end">{escape(treatment)}</text>')
     for panel, (name, contrasts) in enumerate(pooled.items()):
