@@ -323,6 +323,11 @@ fn settings_of_mitigations_are_explained() {
         ),
         "{error}"
     );
+    for factor in ["1e-50", "1e39"] {
+        let sets = ["mitigations=[head-rescale]".to_owned(), format!("head_rescale_factor={factor}")];
+        let error = config::resolve(Some("ppo"), None, &sets, None).unwrap_err().to_string();
+        assert!(error.contains("head_rescale_factor") && error.contains("at most 1e6"), "{error}");
+    }
     let both = ["mitigations=[l2-init]", "l2=adam", "l2_coef=0.1"].map(str::to_owned);
     let error = config::resolve(Some("ppo"), None, &both, None).unwrap_err().to_string();
     assert!(error.contains("l2 and l2-init cannot pull at once"), "{error}");

@@ -3,6 +3,7 @@
 
 use super::hooks::Mitigation;
 use super::patient::Patient;
+use crate::agent::shared::Shared;
 use crate::config::{Settings, Visitor, positive};
 
 /// W ← c·W and b ← c·b in the last layer of the network that acts, at every switch.
@@ -34,6 +35,13 @@ impl Mitigation for HeadRescale {
 
     fn number(&self) -> u16 {
         5
+    }
+
+    fn check(&self, _shared: &Shared) -> Result<(), (&'static str, String)> {
+        if (f64::from(f32::MIN_POSITIVE)..=1e6).contains(&self.factor) {
+            return Ok(());
+        }
+        Err(("head_rescale_factor", format!("expected a number above 0, and at most 1e6, got {:e}", self.factor)))
     }
 
     fn at_switch(&self, patient: &mut Patient<'_>) {

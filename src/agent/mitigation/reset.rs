@@ -6,7 +6,7 @@ use crate::config::{Settings, Visitor, integer};
 
 /// The last layers of every tower get new parameters, and Adam's moments of 0, at every switch.
 ///
-/// DQN's target network follows. A reset of all layers also sets Adam's count of steps to 0: the agent is a new one. The
+/// DQN's target network follows. A reset of all layers also sets Adam's count of steps to 0, as a new agent has it. The
 /// source resets every so many steps and keeps its replay buffer; here levels say when, as in later studies of changing
 /// tasks (Juliani & Ash 2024, "A Study of Plasticity Loss in On-Policy Deep Reinforcement Learning").
 #[derive(Clone, Debug, PartialEq)]
