@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import gzip
-import io
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from . import numbers as n
+from . import outcomes
 from .output import Row
 
 LEVEL = 0.05
@@ -39,15 +37,11 @@ class Arm:
 
 def read(path: Path) -> dict[str, Arm]:
     """The arms of a seeds.csv without forks, or of one that is compressed."""
-    opener = gzip.open if path.suffix == ".gz" else open
-    with opener(path, "rb") as file:
-        rows = [row for row in csv.DictReader(io.TextIOWrapper(file, encoding="utf-8", newline="")) if row["stage"]]
-    trained = {(row["sequence"], row["stage"], row["level"]) for row in rows if row["measure"] == "timesteps"}
     arms: dict[str, Arm] = {}
-    for row in rows:
-        sequence, stage, level = row["sequence"], row["stage"], row["level"]
-        if (sequence, stage, level) not in trained or row["treatment"]:
+    for row in outcomes.read(path):
+        if row["treatment"]:
             continue
+        sequence, stage, level = row["sequence"], row["stage"], row["level"]
         arm = arms.setdefault(row["arm"].split(",")[0].removesuffix(" (from scratch)"), Arm())
         seed, value = int(row["seed"]), float(row["value"])
         if sequence.startswith("level-"):
@@ -130,7 +124,7 @@ def age_contrasts(arm: Arm) -> Iterator[Row]:
 
 
 def has_orders(arm: Arm) -> bool:
-    return len([s for s in arm.sequences() if s.startswith("order-")]) > 1
+    return any(sequence.startswith("order-") for sequence in arm.sequences())
 
 
 @dataclass

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import gzip
-import io
 import itertools
 import math
 from collections import defaultdict
@@ -13,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from . import numbers as n
+from . import outcomes
 
 # A recovered share above, below and above which a treatment is sufficient, excluded and more than enough.
 SUFFICIENT, EXCLUDED, HELPS = 0.8, 0.2, 1.0
@@ -84,33 +82,27 @@ class Contrast:
 
 def read(path: Path) -> dict[str, Algorithm]:
     """The arms of a seeds.csv, or of one that is compressed."""
-    opener = gzip.open if path.suffix == ".gz" else open
     algorithms: dict[str, Algorithm] = {}
-    with opener(path, "rb") as file:
-        rows = [row for row in csv.DictReader(io.TextIOWrapper(file, encoding="utf-8", newline="")) if row["stage"]]
-    # A stage is evaluated on all levels; its outcome is that on its own.
-    trained = {(row["arm"], row["sequence"], row["stage"], row["level"]) for row in rows if row["measure"] == "timesteps"}
-    for row in rows:
-        if (row["arm"], row["sequence"], row["stage"], row["level"]) in trained:
-            # "ppo, after 0: last-fresh" and "ppo (from scratch)" belong to ppo.
-            name = row["arm"].split(", after ")[0].removesuffix(" (from scratch)")
-            algorithm = algorithms.setdefault(name, Algorithm(name))
-            stage, seed, value = int(row["stage"]), int(row["seed"]), float(row["value"])
-            if row["sequence"].startswith("level-"):
-                algorithm.scratch[row["level"], row["measure"]][seed] = value
+    for row in outcomes.read(path):
+        # "ppo, after 0: last-fresh" and "ppo (from scratch)" belong to ppo.
+        name = row["arm"].split(", after ")[0].removesuffix(" (from scratch)")
+        algorithm = algorithms.setdefault(name, Algorithm(name))
+        stage, seed, value = int(row["stage"]), int(row["seed"]), float(row["value"])
+        if row["sequence"].startswith("level-"):
+            algorithm.scratch[row["level"], row["measure"]][seed] = value
+            continue
+        algorithm.sequences.add(row["sequence"])
+        treatment = row["treatment"]
+        if treatment:
+            after, treatment = treatment.removeprefix("after-").split(":", 1)
+            # The control of a fork is the curriculum once more.
+            treatment = "" if treatment == "none" else treatment
+            # Later stages of a fork are no outcome of the switch.
+            if stage != int(after) + 1:
                 continue
-            algorithm.sequences.add(row["sequence"])
-            treatment = row["treatment"]
-            if treatment:
-                after, treatment = treatment.removeprefix("after-").split(":", 1)
-                # The control of a fork is the curriculum once more.
-                treatment = "" if treatment == "none" else treatment
-                # Later stages of a fork are no outcome of the switch.
-                if stage != int(after) + 1:
-                    continue
-            if row["measure"] == "timesteps":
-                algorithm.level[stage] = row["level"]
-            algorithm.values[treatment, stage, row["measure"]][seed] = value
+        if row["measure"] == "timesteps":
+            algorithm.level[stage] = row["level"]
+        algorithm.values[treatment, stage, row["measure"]][seed] = value
     forked = {name: algorithm for name, algorithm in algorithms.items() if algorithm.switches()}
     for name, algorithm in forked.items():
         if len(algorithm.sequences) > 1:

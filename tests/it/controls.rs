@@ -184,3 +184,50 @@ fn orders_and_ages_are_trained_reported_and_compared() {
     }
     assert!(sandbox.path("runs/why-orders/ppo-eps-head/order-43210/seed-119").is_dir(), "the last order");
 }
+
+/// What docs/results/why/controls shows follows from the numbers of single seeds beside it.
+#[test]
+fn the_published_controls_follow_from_their_seeds() {
+    let published = Path::new(ROOT).join("docs/results/why/controls");
+    let folders: Vec<_> =
+        fs::read_dir(&published).expect("a folder").map(|entry| entry.expect("an entry").path()).collect();
+    for folder in folders.into_iter().filter(|path| path.is_dir()) {
+        let sandbox = Sandbox::new();
+        let out = sandbox.path("again");
+        let script = if folder.join("ages.csv").exists() || folder.join("orders.csv").exists() {
+            "recompute-controls"
+        } else {
+            "recompute-why"
+        };
+        let mut command = Command::new("python3");
+        command.arg(Path::new(ROOT).join("scripts").join(script)).arg(folder.join("seeds.csv.gz"));
+        let Ok(output) = command.arg("--out").arg(&out).output() else {
+            println!("skipped: no python3");
+            return;
+        };
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let tables = fs::read_dir(&folder).expect("a folder").map(|entry| entry.expect("an entry").path());
+        let tables: Vec<_> = tables.filter(|path| path.extension().is_some_and(|end| end == "csv")).collect();
+        assert!(!tables.is_empty(), "{}", folder.display());
+        for table in tables {
+            let read = |path: &Path| -> Rows {
+                let mut reader = csv::Reader::from_path(path).expect("a table");
+                reader.deserialize().map(|row| row.expect("a row")).collect()
+            };
+            let (found, expected) = (read(&out.join(table.file_name().expect("a name"))), read(&table));
+            assert!(!expected.is_empty() && found.len() == expected.len(), "{}", table.display());
+            for (found, expected) in found.iter().zip(&expected) {
+                for (column, expected) in expected {
+                    let alike = found[column].parse().ok().zip(expected.parse().ok());
+                    let alike = alike.is_some_and(|(a, b): (f64, f64)| (a - b).abs() <= 1e-9 * b.abs().max(1e-6));
+                    let place = table.display();
+                    assert!(
+                        alike || found[column] == *expected,
+                        "{place}: {column}: {} is not {expected}",
+                        found[column]
+                    );
+                }
+            }
+        }
+    }
+}
