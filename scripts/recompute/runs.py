@@ -78,7 +78,7 @@ def _of_run(report: Report, arm: str, path: Path) -> Iterator[tuple[Key, float]]
         ]
         curve = [(time, _normalised(levels[level], value)) for time, value in curve if not math.isnan(value)]
         if curve and curve[0][1] is not None:
-            for measure, value in _curve(curve):
+            for measure, value in outcomes_of(curve):
                 yield key(stage, level, measure), value
         # The row at timestep 0 is before the first update.
         begin = [row for row in plasticity[stage] if int(row["timesteps"]) == 0]
@@ -130,7 +130,8 @@ def _evaluation(level: dict, rows: list[dict[str, str]]) -> Iterator[tuple[str, 
         yield "steps_solved", sum(length for length, _ in both) / sum(least for _, least in both)
 
 
-def _curve(curve: list[tuple[float, float]]) -> Iterator[tuple[str, float]]:
+def outcomes_of(curve: list[tuple[float, float]]) -> Iterator[tuple[str, float]]:
+    """The area under a normalised learning curve, and when it reaches the thresholds."""
     (first, value), (last, _) = curve[0], curve[-1]
     steps = zip(curve, curve[1:])
     area = sum((later - time) * (after + before) / 2 for (time, before), (later, after) in steps)

@@ -328,7 +328,7 @@ def treatments(report: Report, checks: Checks) -> None:
         lost = [loss for _, loss in pairs]
         bounds = n.mean_interval(lost) if lost else None
         _interval(checks, place, row, "from scratch - untreated", n.mean(lost) if lost else None, bounds)
-        is_lost = bounds is not None and not bounds[0] <= 0 <= bounds[1]
+        is_lost = bounds is not None and bounds[0] > 0
         share, bounds = n.ratio_of_means(pairs) if is_lost else (None, None)
         _interval(checks, place, row, "recovered share", share if bounds else None, bounds)
 

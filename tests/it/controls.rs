@@ -1,32 +1,23 @@
 //! `scripts/recompute-controls`, which says what age and orders do, on numbers that are made here.
 
-use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
 
 use crate::ROOT;
+use crate::recomputed::{Row, assert_same_tables, compute, number, rows};
 use crate::sandbox::Sandbox;
 
-/// Rows of a table of the script, by column.
-type Rows = Vec<BTreeMap<String, String>>;
+const SCRIPT: &str = "recompute-controls";
 
 /// A table that the script makes of a seeds.csv; none where there is no Python.
-fn table(sandbox: &Sandbox, seeds: &Path, name: &str) -> Option<Rows> {
+fn table(sandbox: &Sandbox, seeds: &Path, name: &str) -> Option<Vec<Row>> {
     let out = sandbox.path("controls");
-    let script = Path::new(ROOT).join("scripts/recompute-controls");
-    let output = Command::new("python3").arg(script).arg(seeds).arg("--out").arg(&out).output().ok()?;
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let mut reader = csv::Reader::from_path(out.join(format!("{name}.csv"))).expect("a table");
-    Some(reader.deserialize().map(|row| row.expect("a row")).collect())
+    compute(SCRIPT, &[seeds], &out).then(|| rows(&out.join(format!("{name}.csv"))))
 }
 
-fn number(row: &BTreeMap<String, String>, column: &str) -> f64 {
-    row[column].parse().unwrap_or_else(|_| panic!("{column}: {:?}", row[column]))
-}
-
-fn find<'a>(rows: &'a Rows, keys: &[(&str, &str)]) -> &'a BTreeMap<String, String> {
+fn find<'a>(rows: &'a [Row], keys: &[(&str, &str)]) -> &'a Row {
     let found = rows.iter().find(|row| keys.iter().all(|(column, value)| row[*column] == *value));
     found.unwrap_or_else(|| panic!("{keys:?} in {rows:?}"))
 }
@@ -73,10 +64,7 @@ fn slopes_over_positions_are_without_levels() {
     let lives: Vec<Life> = (0..).zip(&orders).map(life).collect();
     let file = sandbox.path("seeds.csv");
     fs::write(&file, seeds_csv(&lives)).expect("writable");
-    let Some(orders) = table(&sandbox, &file, "orders") else {
-        println!("skipped: no python3");
-        return;
-    };
+    let Some(orders) = table(&sandbox, &file, "orders") else { return };
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     let level_mean = |name: &str, position: std::ops::Range<usize>| {
         let stages = lives.iter().flat_map(|(_, _, stages)| &stages[position.clone()]);
@@ -122,7 +110,7 @@ fn slopes_over_positions_are_without_levels() {
 fn refused(sandbox: &Sandbox, lives: &[Life]) -> String {
     let file = sandbox.path("refused.csv");
     fs::write(&file, seeds_csv(lives)).expect("writable");
-    let script = Path::new(ROOT).join("scripts/recompute-controls");
+    let script = Path::new(ROOT).join("scripts").join(SCRIPT);
     let output = Command::new("python3").arg(script).arg(&file).output().expect("python3");
     assert_eq!(output.status.code(), Some(2));
     String::from_utf8_lossy(&output.stderr).into_owned()
@@ -148,10 +136,7 @@ fn ages_are_compared_seed_by_seed() {
     }
     let file = sandbox.path("seeds.csv");
     fs::write(&file, seeds_csv(&lives)).expect("writable");
-    let Some(contrasts) = table(&sandbox, &file, "age-contrasts") else {
-        println!("skipped: no python3");
-        return;
-    };
+    let Some(contrasts) = table(&sandbox, &file, "age-contrasts") else { return };
     let mean = noise.iter().sum::<f64>() / 5.0;
     let age = find(&contrasts, &[("stage", "all"), ("contrast of areas", "old - young")]);
     close(number(age, "mean"), (-0.2 - mean - 0.1) / 2.0);
@@ -176,10 +161,7 @@ fn orders_and_ages_are_trained_reported_and_compared() {
         let options = "--timesteps 4096 --seeds 0,119 --plasticity-interval 0 --jobs 2";
         sandbox.succeeds(&format!("study {} {options}", file.display()));
         sandbox.succeeds(&format!("compare runs/{name} --out {name}"));
-        let Some(rows) = table(&sandbox, &sandbox.path(&format!("{name}/seeds.csv")), expected) else {
-            println!("skipped: no python3");
-            return;
-        };
+        let Some(rows) = table(&sandbox, &sandbox.path(&format!("{name}/seeds.csv")), expected) else { return };
         assert!(rows.len() > 5 && rows.iter().all(|row| row["seeds"] == "2"), "{rows:?}");
     }
     assert!(sandbox.path("runs/why-orders/ppo-eps-head/order-43210/seed-119").is_dir(), "the last order");
@@ -189,45 +171,21 @@ fn orders_and_ages_are_trained_reported_and_compared() {
 #[test]
 fn the_published_controls_follow_from_their_seeds() {
     let published = Path::new(ROOT).join("docs/results/why/controls");
-    let folders: Vec<_> =
-        fs::read_dir(&published).expect("a folder").map(|entry| entry.expect("an entry").path()).collect();
-    for folder in folders.into_iter().filter(|path| path.is_dir()) {
+    let entries = fs::read_dir(&published).expect("a folder").map(|entry| entry.expect("an entry").path());
+    let folders: Vec<_> = entries.filter(|path| path.is_dir()).collect();
+    assert!(!folders.is_empty());
+    for folder in folders {
+        let is_of_forks = folder.join("verdicts.csv").exists();
         let sandbox = Sandbox::new();
         let out = sandbox.path("again");
-        let script = if folder.join("ages.csv").exists() || folder.join("orders.csv").exists() {
-            "recompute-controls"
-        } else {
-            "recompute-why"
-        };
-        let mut command = Command::new("python3");
-        command.arg(Path::new(ROOT).join("scripts").join(script)).arg(folder.join("seeds.csv.gz"));
-        let Ok(output) = command.arg("--out").arg(&out).output() else {
-            println!("skipped: no python3");
+        let script = if is_of_forks { "recompute-why" } else { SCRIPT };
+        if !compute(script, &[&folder.join("seeds.csv.gz")], &out) {
             return;
-        };
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        let tables = fs::read_dir(&folder).expect("a folder").map(|entry| entry.expect("an entry").path());
-        let tables: Vec<_> = tables.filter(|path| path.extension().is_some_and(|end| end == "csv")).collect();
-        assert!(!tables.is_empty(), "{}", folder.display());
-        for table in tables {
-            let read = |path: &Path| -> Rows {
-                let mut reader = csv::Reader::from_path(path).expect("a table");
-                reader.deserialize().map(|row| row.expect("a row")).collect()
-            };
-            let (found, expected) = (read(&out.join(table.file_name().expect("a name"))), read(&table));
-            assert!(!expected.is_empty() && found.len() == expected.len(), "{}", table.display());
-            for (found, expected) in found.iter().zip(&expected) {
-                for (column, expected) in expected {
-                    let alike = found[column].parse().ok().zip(expected.parse().ok());
-                    let alike = alike.is_some_and(|(a, b): (f64, f64)| (a - b).abs() <= 1e-9 * b.abs().max(1e-6));
-                    let place = table.display();
-                    assert!(
-                        alike || found[column] == *expected,
-                        "{place}: {column}: {} is not {expected}",
-                        found[column]
-                    );
-                }
-            }
+        }
+        assert_same_tables(&out, &folder);
+        if is_of_forks {
+            let figure = |folder: &Path| fs::read_to_string(folder.join("recovered.svg")).expect("a figure");
+            assert_eq!(figure(&out), figure(&folder), "{}", folder.display());
         }
     }
 }

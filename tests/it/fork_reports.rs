@@ -122,6 +122,15 @@ fn no_share_is_told_where_nothing_is_known_to_be_lost() {
     assert!(stage.lost.is_some() && stage.recovered_share.is_none());
     let markdown = table(&analysis, "treatments", Format::Markdown);
     assert!(markdown.contains("There is no share where the interval"), "{markdown}");
+    // What is known to be gained is no loss either: from scratch nothing is learned, and with a past half of it.
+    let learned = Fake { curve: |_, _| 0.5, ..WARM };
+    let gained = with_seeds(&[learned, FORK], 3).into_iter().chain((0..3).map(|seed| {
+        let curve: fn(&str, f64) -> f64 = if seed == 0 { |_, _| 0.1 } else { |_, _| 0.0 };
+        Fake { seed, curve, ..FROM_SCRATCH_B }
+    }));
+    let stages = Treatments::new(&crate::fakes::analysis(&gained.collect::<Vec<_>>())).stages;
+    assert!(stages[0].lost.and_then(|lost| lost.interval).is_some_and(|interval| interval.high < 0.0), "{stages:?}");
+    assert!(stages[0].recovered_share.is_none());
     // One seed has no interval, and so no share.
     let analysis = crate::fakes::analysis(&[WARM, FORK, FROM_SCRATCH_B]);
     assert!(Treatments::new(&analysis).stages[0].recovered_share.is_none());

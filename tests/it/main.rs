@@ -25,6 +25,7 @@ mod mitigations;
 mod numbers;
 mod plasticity;
 mod prose;
+mod recomputed;
 mod replay;
 mod replay_kept;
 mod report;

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
-use std::process::Command;
 
 use crate::ROOT;
+use crate::recomputed::{Row, assert_same_tables, compute, number, rows};
 use crate::sandbox::Sandbox;
 
 /// Areas of five seeds: in the curriculum, under a treatment, and of a new agent.
@@ -19,31 +19,16 @@ const TABLES: [&str; 7] = ["verdicts", "switches", "effects", "measures", "corre
 /// What it writes where a study has new agents under a treatment.
 const NEW_AGENTS: &str = "new-agents";
 
-/// Rows of a table of the script, by column.
-type Rows = Vec<BTreeMap<String, String>>;
-
 /// What the script says of a seeds.csv; none where there is no Python.
-fn verdicts(sandbox: &Sandbox, seeds: &Path, before: Option<&Path>) -> Option<BTreeMap<&'static str, Rows>> {
-    let script = Path::new(ROOT).join("scripts/recompute-why");
+fn verdicts(sandbox: &Sandbox, seeds: &Path) -> Option<BTreeMap<&'static str, Vec<Row>>> {
     let out = sandbox.path("verdicts");
-    let mut command = Command::new("python3");
-    command.arg(script).arg(seeds).arg("--out").arg(&out);
-    before.into_iter().for_each(|before| _ = command.arg("--before").arg(before));
-    let output = command.output().ok()?;
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    if !compute("recompute-why", &[seeds], &out) {
+        return None;
+    }
     let tables = TABLES.into_iter().map(|name| (name, rows(&out.join(format!("{name}.csv"))))).collect();
     let figure = fs::read_to_string(out.join("recovered.svg")).expect("a figure");
     assert!(figure.starts_with("<svg") && figure.trim_end().ends_with("</svg>"));
     Some(tables)
-}
-
-fn rows(file: &Path) -> Rows {
-    let mut reader = csv::Reader::from_path(file).expect("a table");
-    reader.deserialize().map(|row| row.expect("a row")).collect()
-}
-
-fn number(row: &BTreeMap<String, String>, column: &str) -> f64 {
-    row[column].parse().unwrap_or_else(|_| panic!("{column}: {:?}", row[column]))
 }
 
 /// Student's t of d(r) = (treated − warm) − r (fresh − warm).
@@ -77,10 +62,7 @@ fn shares_and_intervals_are_what_their_definition_says() {
     }
     let file = sandbox.path("seeds.csv");
     fs::write(&file, seeds).expect("writable");
-    let Some(tables) = verdicts(&sandbox, &file, None) else {
-        println!("skipped: no python3");
-        return;
-    };
+    let Some(tables) = verdicts(&sandbox, &file) else { return };
     let [_, row] = &tables["verdicts"][..] else { panic!("{tables:?}") };
     assert_eq!(
         (row["algorithm"].as_str(), row["treatment"].as_str(), row["seeds"].as_str()),
@@ -116,10 +98,7 @@ fn a_study_of_forks_is_trained_reported_and_judged() {
     let options = "--timesteps 4096 --num-seeds 2 --plasticity-interval 0 --jobs 2";
     sandbox.succeeds(&format!("study {} {options}", file.display()));
     sandbox.succeeds("compare runs/why-dqn --out report");
-    let Some(tables) = verdicts(&sandbox, &sandbox.path("report/seeds.csv"), None) else {
-        println!("skipped: no python3");
-        return;
-    };
+    let Some(tables) = verdicts(&sandbox, &sandbox.path("report/seeds.csv")) else { return };
     assert!(tables.values().flatten().all(|row| row["algorithm"] == "dqn-constant-eps"));
     let of = |table: &str| tables[table].len();
     // The new agent is what the nine other treatments are compared with.
@@ -131,23 +110,11 @@ fn a_study_of_forks_is_trained_reported_and_judged() {
 #[test]
 fn the_published_tables_follow_from_the_published_seeds() {
     let sandbox = Sandbox::new();
-    let folder = Path::new(ROOT).join("docs/results/why");
-    let Some(tables) = verdicts(&sandbox, &folder.join("seeds.csv.gz"), Some(&folder.join("before.csv.gz"))) else {
-        println!("skipped: no python3");
-        return;
-    };
-    for (name, found) in tables {
-        let published = rows(&folder.join("tables").join(format!("{name}.csv")));
-        assert!(!published.is_empty() && found.len() == published.len(), "{name}");
-        for (found, published) in found.iter().zip(&published) {
-            for (column, expected) in published {
-                let value = &found[column];
-                let close = |a: f64, b: f64| (a - b).abs() <= 1e-9 * b.abs().max(1e-6);
-                let alike = value.parse().ok().zip(expected.parse().ok()).is_some_and(|(a, b)| close(a, b));
-                assert!(alike || value == expected, "{name}: {column}: {value} is not {expected}");
-            }
-        }
+    let (folder, out) = (Path::new(ROOT).join("docs/results/why"), sandbox.path("verdicts"));
+    let [seeds, before] = ["seeds.csv.gz", "before.csv.gz"].map(|name| folder.join(name));
+    if compute("recompute-why", &[&seeds, Path::new("--before"), &before], &out) {
+        assert_same_tables(&out, &folder.join("tables"));
+        let figure = |folder: &Path| fs::read_to_string(folder.join("recovered.svg")).expect("a figure");
+        assert_eq!(figure(&out), figure(&folder));
     }
-    let figure = |folder: &Path| fs::read_to_string(folder.join("recovered.svg")).expect("a figure");
-    assert_eq!(figure(&sandbox.path("verdicts")), figure(&folder));
 }

@@ -47,7 +47,7 @@ pub struct TreatedStage {
     /// Mean area from scratch − untreated, of the seeds that have all three.
     pub lost: Option<Estimate>,
     /// The share of the lost area that the treatment gives back, of the seeds that have all three; none where the
-    /// interval of the lost area holds 0, or where one of the two has no interval.
+    /// interval of the lost area does not lie above 0, or where one of the two has no interval.
     pub recovered_share: Option<Estimate>,
 }
 
@@ -109,9 +109,8 @@ impl Three {
             |(seed, gain): (&u64, &f64)| Some((*gain, from_scratch.seeds.get(seed)? - untreated.seeds.get(seed)?));
         let pairs: Vec<(f64, f64)> = gains.iter().filter_map(with_loss).collect();
         let lost = (!pairs.is_empty()).then(|| estimate_mean(bootstrap, pairs.iter().map(|(_, lost)| *lost).collect()));
-        let is_a_difference =
-            lost.and_then(|lost| lost.interval).is_some_and(|interval| interval.low > 0.0 || interval.high < 0.0);
-        let share = is_a_difference.then(|| estimate_ratio_of_means(bootstrap, &pairs));
+        let is_lost = lost.and_then(|lost| lost.interval).is_some_and(|interval| interval.low > 0.0);
+        let share = is_lost.then(|| estimate_ratio_of_means(bootstrap, &pairs));
         [gain, lost, share.filter(|share| share.interval.is_some())]
     }
 }
@@ -223,5 +222,5 @@ impl Treatments {
 }
 
 /// When there is no share.
-const NO_SHARE: &str = "There is no share where the interval of (from scratch − untreated) contains 0, where the share's \
-                        own would have no end, or where one seed has none: nothing is known to be lost.";
+const NO_SHARE: &str = "There is no share where the interval of (from scratch − untreated) does not lie above 0, where the \
+                        share's own would have no end, or where one seed has none: nothing is known to be lost.";
