@@ -4,68 +4,12 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from pathlib import Path
 
 from . import numbers as n
-from . import outcomes
+from .arms import AREA, SHIFTED, Arm, Life, estimate, judged, lives, means
 from .output import Row
 
-LEVEL = 0.05
-AREA, ENTROPY = "area", "before/plasticity/policy_entropy/visited"
-
-
-@dataclass
-class Arm:
-    """One arm: values by sequence, measure, seed and stage; those from scratch by level, measure and seed."""
-
-    values: dict[tuple[str, str, int, int], float] = field(default_factory=dict)
-    level: dict[tuple[str, int], str] = field(default_factory=dict)
-    scratch: dict[tuple[str, str], dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
-
-    def sequences(self) -> list[str]:
-        return sorted({sequence for sequence, _ in self.level})
-
-    def seeds(self, sequence: str) -> list[int]:
-        return sorted({seed for s, measure, seed, _ in self.values if (s, measure) == (sequence, AREA)})
-
-    def areas(self, sequence: str, seed: int) -> list[tuple[str, float]]:
-        """Level and area of each stage."""
-        found = {at: value for (s, m, of, at), value in self.values.items() if (s, m, of) == (sequence, AREA, seed)}
-        return [(self.level[sequence, stage], found[stage]) for stage in sorted(found)]
-
-
-def read(path: Path) -> dict[str, Arm]:
-    """The arms of a seeds.csv without forks, or of one that is compressed."""
-    arms: dict[str, Arm] = {}
-    for row in outcomes.read(path):
-        if row["treatment"]:
-            continue
-        sequence, stage, level = row["sequence"], row["stage"], row["level"]
-        arm = arms.setdefault(row["arm"].split(",")[0].removesuffix(" (from scratch)"), Arm())
-        seed, value = int(row["seed"]), float(row["value"])
-        if sequence.startswith("level-"):
-            arm.scratch[level, row["measure"]][seed] = value
-        else:
-            arm.level[sequence, int(stage)] = level
-            arm.values[sequence, row["measure"], seed, int(stage)] = value
-    return arms
-
-
-def estimate(values: list[float]) -> Row:
-    """Mean, t interval and number of values."""
-    low, high = n.t_interval(values) or (None, None)
-    return [n.mean(values) if values else None, low, high, len(values)]
-
-
-def judged(contrasts: dict[str, list[float]], words: dict[str, str]) -> Iterator[Row]:
-    """Each contrast with its interval, its two-sided p-value after Holm's correction, and the verdict in these words."""
-    p_values = {name: n.p_value(values) for name, values in contrasts.items()}
-    adjusted = n.holm({name: p for name, p in p_values.items() if p is not None})
-    for name, values in contrasts.items():
-        p = adjusted.get(name)
-        is_decided = p is not None and p < LEVEL
-        yield [name, *estimate(values), p, words[name] if is_decided else "undecided"]
+ENTROPY = "before/plasticity/policy_entropy/visited"
 
 
 # --- 3. Age ----------------------------------------------------------------------------------------------------------
@@ -81,8 +25,8 @@ def _aged(arm: Arm, age: str, stage: int, measure: str) -> dict[int, float]:
         sequence, last = CURRICULUM, stage
     else:
         sequence, last = f"{age}-{stage}", stage if age == "old" else 1
-    found = ((seed, at, value) for (s, m, seed, at), value in arm.values.items() if (s, m) == (sequence, measure))
-    return {seed: value for seed, at, value in found if at == last}
+    found = {seed: stages for (s, m, seed), stages in arm.values.items() if (s, m) == (sequence, measure)}
+    return {seed: stages[last] for seed, stages in found.items() if last in stages}
 
 
 def has_ages(arm: Arm) -> bool:
@@ -111,7 +55,7 @@ def age_contrasts(arm: Arm) -> Iterator[Row]:
         return [n.mean([a[seed] - b[seed] for a, b in pairs]) for seed in seeds]
 
     contrasts = {"old - young": ("old", "young"), "curriculum - old": ("curriculum", "old")}
-    words = {"old - young": "age matters", "curriculum - old": "other levels matter"}
+    words = {"old - young": ("age matters",) * 2, "curriculum - old": ("other levels matter",) * 2}
     pooled = {name: difference(*of, _stages(arm)) for name, of in contrasts.items()}
     for row in judged(pooled, words):
         yield ["all", *row]
@@ -122,35 +66,11 @@ def age_contrasts(arm: Arm) -> Iterator[Row]:
 
 # --- 4. Orders -------------------------------------------------------------------------------------------------------
 
+SLOPE, LOSS = "slope over positions 1 to the last", "area with a past minus at position 0"
+
 
 def has_orders(arm: Arm) -> bool:
-    return any(sequence.startswith("order-") for sequence in arm.sequences())
-
-
-@dataclass
-class Life:
-    """One seed's levels and areas, stage by stage."""
-
-    seed: int
-    stages: list[tuple[str, float]]
-
-
-def lives(arm: Arm) -> list[Life]:
-    """One of each seed, all of them finished.
-
-    A seed that goes through several orders, or has fewer stages than others, raises a ValueError.
-    """
-    found: dict[int, Life] = {}
-    for sequence in arm.sequences():
-        for seed in arm.seeds(sequence):
-            if seed in found:
-                raise ValueError(f"seed {seed} goes through several orders: give a study whose seeds take them in turn")
-            found[seed] = Life(seed, arm.areas(sequence, seed))
-    most = max(len(life.stages) for life in found.values())
-    short = [str(seed) for seed, life in sorted(found.items()) if len(life.stages) < most]
-    if short:
-        raise ValueError(f"seeds {', '.join(short)} have fewer than {most} stages: let their runs end first")
-    return [found[seed] for seed in sorted(found)]
+    return any(sequence.startswith("order-") and SHIFTED not in sequence for sequence in arm.sequences())
 
 
 def is_balanced(all_lives: list[Life]) -> bool:
@@ -160,23 +80,11 @@ def is_balanced(all_lives: list[Life]) -> bool:
     return len(counts) == len(levels) * len(all_lives[0].stages) and len(set(counts.values())) == 1
 
 
-def _means(pairs: Iterator[tuple[object, float]]) -> dict[object, float]:
-    groups: dict[object, list[float]] = defaultdict(list)
-    for key, value in pairs:
-        groups[key].append(value)
-    return {key: n.mean(values) for key, values in groups.items()}
-
-
-def _slope(values: list[tuple[int, float]]) -> float:
-    x = n.mean([float(at) for at, _ in values])
-    return sum((at - x) * value for at, value in values) / sum((at - x) ** 2 for at, _ in values)
-
-
 def slopes(all_lives: list[Life]) -> dict[int, float]:
     """Of the area over positions 1 to the last, the mean of each level over these subtracted; by seed."""
-    levels = _means((level, area) for life in all_lives for level, area in life.stages[1:])
+    levels = means((level, area) for life in all_lives for level, area in life.stages[1:])
     return {
-        life.seed: _slope([(at, area - levels[level]) for at, (level, area) in enumerate(life.stages) if at > 0])
+        life.seed: n.slope([(at, area - levels[level]) for at, (level, area) in enumerate(life.stages) if at > 0])
         for life in all_lives
     }
 
@@ -184,7 +92,7 @@ def slopes(all_lives: list[Life]) -> dict[int, float]:
 def losses(all_lives: list[Life]) -> dict[int, float]:
     """Mean area at positions 1 to the last minus that at position 0, the mean of each level at position 0 subtracted from
     both; by seed. So what is a seed's own cancels, and the means of levels do so where orders are balanced."""
-    first = _means(life.stages[0] for life in all_lives)
+    first = means(life.stages[0] for life in all_lives)
     lost = {}
     for life in all_lives:
         here = [area - first[level] for level, area in life.stages if level in first]
@@ -205,17 +113,18 @@ def positions(arm: Arm) -> Iterator[Row]:
 
 
 def order_contrasts(arms: dict[str, Arm]) -> Iterator[Row]:
-    """Slope over positions and loss, of each arm, and of each arm against the first."""
+    """Slope over positions and loss, of each arm, and of each arm against the first. The rule is for the first alone."""
     all_lives = {name: lives(arm) for name, arm in sorted(arms.items())}
     of = {name: (slopes(of_arm), losses(of_arm)) for name, of_arm in all_lives.items()}
     for name, (slope, loss) in of.items():
         row = estimate(list(slope.values()))
         verdict = "the loss grows" if row[2] is not None and row[2] < 0 else "no growth shown"
-        yield [name, "slope over positions 1 to the last", *row, verdict if is_balanced(all_lives[name]) else "orders are not balanced"]
-        yield [name, "area with a past minus at position 0", *estimate(list(loss.values())), ""]
+        verdict = verdict if is_balanced(all_lives[name]) else "orders are not balanced"
+        yield [name, SLOPE, *row, verdict if name == min(of) else ""]
+        yield [name, LOSS, *estimate(list(loss.values())), ""]
     (one, first), *others = of.items()
     for other, second in others:
-        for title, a, b in zip(["slope", "area with a past minus at position 0"], first, second):
+        for title, a, b in zip((SLOPE, LOSS), first, second):
             yield [f"{other} - {one}", title, *estimate([b[seed] - a[seed] for seed in sorted(a.keys() & b.keys())]), ""]
 
 
@@ -229,13 +138,13 @@ def predecessors(arm: Arm) -> Iterator[Row]:
         if at > 0
     ]
     whole = n.mean([area for *_, area in after])
-    levels = _means((level, area) for _, _, level, _, area in after)
-    places = _means((at, area) for *_, at, area in after)
+    levels = means((level, area) for _, _, level, _, area in after)
+    places = means((at, area) for *_, at, area in after)
     groups: dict[tuple[str, str], list[float]] = defaultdict(list)
     for _, before, level, at, area in after:
         groups[level, before].append(area - levels[level] - places[at] + whole)
-    means = [n.mean(values) for values in groups.values()]
-    yield ["largest minus smallest", "", max(means) - min(means), None, None, len(after)]
+    rests = [n.mean(values) for values in groups.values()]
+    yield ["largest minus smallest", "", max(rests) - min(rests), None, None, len(after)]
     for (level, before), values in sorted(groups.items()):
         low, high = n.bootstrap([values], lambda scores: n.mean(scores[0])) or (None, None)
         yield [level, before, n.mean(values), low, high, len(values)]

@@ -247,22 +247,6 @@ SHOWN = [
 ]
 
 
-def _ranks(values: Sequence[float]) -> list[float]:
-    """Ranks from 1, ties sharing their mean."""
-    ordered = sorted(values)
-    first = {value: place for place, value in reversed(list(enumerate(ordered, 1)))}
-    return [first[value] + (ordered.count(value) - 1) / 2 for value in values]
-
-
-def rank_correlation(one: Sequence[float], other: Sequence[float]) -> float | None:
-    """Spearman's; none where either is the same throughout."""
-    a, b = _ranks(one), _ranks(other)
-    spread = n.deviation(a) * n.deviation(b)
-    if spread == 0:
-        return None
-    return n.mean([x * y for x, y in zip(a, b)]) / spread - n.mean(a) * n.mean(b) / spread
-
-
 def measures(algorithm: Algorithm, before: Algorithm) -> Iterator[tuple[str, dict[str, float], float | None, n.Bounds, int]]:
     """Each measure at the switch: its mean over seeds and switches by treatment, and its rank correlation with the area
     over the treatments. That is of each seed and switch, then the mean over switches, with an interval over seeds."""
@@ -285,7 +269,7 @@ def measures(algorithm: Algorithm, before: Algorithm) -> Iterator[tuple[str, dic
         for switch in switches:
             areas = {treatment: algorithm.area(treatment, switch) for treatment in treatments}
             for seed in set.intersection(*(set(areas[t]) & set(found[t, switch]) for t in treatments)):
-                correlation = rank_correlation(
+                correlation = n.rank_correlation(
                     [found[t, switch][seed] for t in treatments], [areas[t][seed] for t in treatments]
                 )
                 if correlation is not None:

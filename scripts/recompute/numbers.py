@@ -44,6 +44,28 @@ def quantile(ordered: Sequence[float], share: float) -> float:
     return below if part == 0 or below == above else below + part * (above - below)
 
 
+def slope(points: Sequence[tuple[float, float]]) -> float:
+    """Of y over x, by least squares."""
+    middle = mean([x for x, _ in points])
+    return sum((x - middle) * y for x, y in points) / sum((x - middle) ** 2 for x, _ in points)
+
+
+def _ranks(values: Sequence[float]) -> list[float]:
+    """Ranks from 1, ties sharing their mean."""
+    ordered = sorted(values)
+    first = {value: place for place, value in reversed(list(enumerate(ordered, 1)))}
+    return [first[value] + (ordered.count(value) - 1) / 2 for value in values]
+
+
+def rank_correlation(one: Sequence[float], other: Sequence[float]) -> float | None:
+    """Spearman's; none where either is the same throughout."""
+    a, b = _ranks(one), _ranks(other)
+    spread = deviation(a) * deviation(b)
+    if spread == 0:
+        return None
+    return mean([x * y for x, y in zip(a, b)]) / spread - mean(a) * mean(b) / spread
+
+
 # ChaCha with 8 rounds (Bernstein 2008). Its key comes from a PCG generator that is seeded with 0.
 
 
@@ -73,11 +95,11 @@ def _block(key: list[int], counter: int) -> list[int]:
 
 
 @lru_cache(maxsize=None)
-def draws(sizes: tuple[int, ...]) -> list[list[list[int]]]:
+def draws(sizes: tuple[int, ...], count: int = RESAMPLES) -> list[list[list[int]]]:
     """Which runs each resample takes: `[resample][task][run]`."""
     key, buffer, counter = _key(0), [], 0
     resamples = []
-    for _ in range(RESAMPLES):
+    for _ in range(count):
         resample = []
         for size in sizes:
             while len(buffer) < 2 * size:

@@ -6,24 +6,17 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::ROOT;
-use crate::recomputed::{Row, assert_same_tables, compute, number, rows};
+use crate::recomputed::{Row, assert_same_figures, assert_same_tables, close, compute, find, number, rows};
 use crate::sandbox::Sandbox;
 
 const SCRIPT: &str = "recompute-controls";
+/// Folders of docs/results/why whose tables follow from the seeds.csv.gz in them, beside those of `controls`.
+const PUBLISHED: &[&str] = &[];
 
 /// A table that the script makes of a seeds.csv; none where there is no Python.
 fn table(sandbox: &Sandbox, seeds: &Path, name: &str) -> Option<Vec<Row>> {
     let out = sandbox.path("controls");
     compute(SCRIPT, &[seeds], &out).then(|| rows(&out.join(format!("{name}.csv"))))
-}
-
-fn find<'a>(rows: &'a [Row], keys: &[(&str, &str)]) -> &'a Row {
-    let found = rows.iter().find(|row| keys.iter().all(|(column, value)| row[*column] == *value));
-    found.unwrap_or_else(|| panic!("{keys:?} in {rows:?}"))
-}
-
-fn close(found: f64, expected: f64) {
-    assert!((found - expected).abs() < 1e-9, "{found} is not {expected}");
 }
 
 /// One seed's life: its sequence, itself, and level and area of each stage.
@@ -106,6 +99,41 @@ fn slopes_over_positions_are_without_levels() {
     assert!(refused(&sandbox, &short).contains("seeds 2 have fewer than 3 stages"));
 }
 
+/// The second arm has 0.3 more at the positions after the first, and 0.02 more a position for each of the seed's number.
+#[test]
+fn two_arms_of_orders_are_compared_seed_by_seed() {
+    let sandbox = Sandbox::new();
+    let noise = [0.0, 0.03, -0.02, 0.01, 0.04, -0.01];
+    let orders = [["a", "b", "c"], ["a", "c", "b"], ["b", "a", "c"], ["b", "c", "a"], ["c", "a", "b"], ["c", "b", "a"]];
+    let lives = |extra: f64, growth: f64| -> Vec<Life> {
+        let life = |(seed, order): (u64, &[&'static str; 3])| {
+            let (own, growth) = (noise[seed as usize], growth * seed as f64);
+            let level = |name: &str| if name == "a" { 0.5 } else { 0.3 };
+            let more = |at: usize| if at > 0 { extra + growth * at as f64 } else { 0.0 };
+            let stage = |at: usize| (order[at], level(order[at]) + own * (at + 1) as f64 + more(at));
+            (format!("order-{}", order.concat()), seed, (0..3).map(stage).collect::<Vec<_>>())
+        };
+        (0..).zip(&orders).map(life).collect()
+    };
+    let (first, second) = (seeds_csv(&lives(0.0, 0.0)), seeds_csv(&lives(0.3, 0.02)));
+    let (_, second) = second.split_once('\n').expect("a head");
+    let file = sandbox.path("seeds.csv");
+    fs::write(&file, first + &second.replace("\"x, ", "\"x-head, ")).expect("writable");
+    let Some(orders) = table(&sandbox, &file, "orders") else { return };
+    let of = |arm: &str, outcome: &str| find(&orders, &[("arm", arm), ("outcome", outcome)]).clone();
+    let (slope, loss) = ("slope over positions 1 to the last", "area with a past minus at position 0");
+    // Of 0.02 times the seeds 0 to 5; what the means of levels have of it cancels over balanced orders.
+    close(number(&of("x-head - x", slope), "mean"), 0.05);
+    // 0.3 and 0.03 times the seed. The means of levels at position 0 are those of both arms.
+    let row = of("x-head - x", loss);
+    close(number(&row, "mean"), 0.375);
+    // The deviation of 0 to 5, and the quantile of Student's t from a printed table.
+    let half = 2.570_582 * 0.03 * 3.5_f64.sqrt() / 6.0_f64.sqrt();
+    assert!((number(&row, "low") - (0.375 - half)).abs() < 1e-6 && row["seeds"] == "6", "{row:?}");
+    // The rule is for the arm that nothing is done to.
+    assert_eq!((of("x", slope)["verdict"].as_str(), of("x-head", slope)["verdict"].as_str()), ("no growth shown", ""));
+}
+
 /// What the script says of lives that it does not take.
 fn refused(sandbox: &Sandbox, lives: &[Life]) -> String {
     let file = sandbox.path("refused.csv");
@@ -170,22 +198,20 @@ fn orders_and_ages_are_trained_reported_and_compared() {
 /// What docs/results/why/controls shows follows from the numbers of single seeds beside it.
 #[test]
 fn the_published_controls_follow_from_their_seeds() {
-    let published = Path::new(ROOT).join("docs/results/why/controls");
-    let entries = fs::read_dir(&published).expect("a folder").map(|entry| entry.expect("an entry").path());
-    let folders: Vec<_> = entries.filter(|path| path.is_dir()).collect();
+    let published = Path::new(ROOT).join("docs/results/why");
+    let entries =
+        fs::read_dir(published.join("controls")).expect("a folder").map(|entry| entry.expect("an entry").path());
+    let mut folders: Vec<_> = entries.filter(|path| path.is_dir()).collect();
     assert!(!folders.is_empty());
+    folders.extend(PUBLISHED.iter().map(|name| published.join(name)));
     for folder in folders {
-        let is_of_forks = folder.join("verdicts.csv").exists();
         let sandbox = Sandbox::new();
         let out = sandbox.path("again");
-        let script = if is_of_forks { "recompute-why" } else { SCRIPT };
+        let script = if folder.join("verdicts.csv").exists() { "recompute-why" } else { SCRIPT };
         if !compute(script, &[&folder.join("seeds.csv.gz")], &out) {
             return;
         }
         assert_same_tables(&out, &folder);
-        if is_of_forks {
-            let figure = |folder: &Path| fs::read_to_string(folder.join("recovered.svg")).expect("a figure");
-            assert_eq!(figure(&out), figure(&folder), "{}", folder.display());
-        }
+        assert_same_figures(&out, &folder);
     }
 }

@@ -20,6 +20,7 @@ mod house;
 mod learning;
 mod limits;
 mod lines;
+mod long;
 mod messages;
 mod mitigations;
 mod numbers;

@@ -32,6 +32,30 @@ pub fn number(row: &Row, column: &str) -> f64 {
     row[column].parse().unwrap_or_else(|_| panic!("{column}: {:?}", row[column]))
 }
 
+/// The row that has these values in these columns.
+#[track_caller]
+pub fn find<'a>(rows: &'a [Row], keys: &[(&str, &str)]) -> &'a Row {
+    let found = rows.iter().find(|row| keys.iter().all(|(column, value)| row[*column] == *value));
+    found.unwrap_or_else(|| panic!("{keys:?} in {rows:?}"))
+}
+
+#[track_caller]
+pub fn close(found: f64, expected: f64) {
+    assert!((found - expected).abs() < 1e-9, "{found} is not {expected}");
+}
+
+/// Asserts that every figure that was computed again lies in this folder, byte for byte.
+pub fn assert_same_figures(computed: &Path, published: &Path) {
+    for entry in fs::read_dir(computed).expect("a folder") {
+        let figure = entry.expect("an entry").path();
+        if figure.extension().is_some_and(|end| end == "svg") {
+            let beside = published.join(figure.file_name().expect("a name"));
+            let text = |file: &Path| fs::read_to_string(file).unwrap_or_else(|e| panic!("{}: {e}", file.display()));
+            assert!(text(&figure) == text(&beside), "{}", beside.display());
+        }
+    }
+}
+
 /// Asserts that every table of a folder of this repository was computed again, with the same rows.
 pub fn assert_same_tables(computed: &Path, published: &Path) {
     let files = fs::read_dir(published).expect("a folder").map(|entry| entry.expect("an entry").path());

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use crate::ROOT;
-use crate::recomputed::{Row, assert_same_tables, compute, number, rows};
+use crate::recomputed::{Row, assert_same_figures, assert_same_tables, compute, number, rows};
 use crate::sandbox::Sandbox;
 
 /// Areas of five seeds: in the curriculum, under a treatment, and of a new agent.
@@ -114,7 +114,6 @@ fn the_published_tables_follow_from_the_published_seeds() {
     let [seeds, before] = ["seeds.csv.gz", "before.csv.gz"].map(|name| folder.join(name));
     if compute("recompute-why", &[&seeds, Path::new("--before"), &before], &out) {
         assert_same_tables(&out, &folder.join("tables"));
-        let figure = |folder: &Path| fs::read_to_string(folder.join("recovered.svg")).expect("a figure");
-        assert_eq!(figure(&out), figure(&folder));
+        assert_same_figures(&out, &folder);
     }
 }
