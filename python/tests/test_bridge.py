@@ -21,7 +21,7 @@ import pytest
 import cpp_rl_gym
 from conftest import assert_equal
 from cpp_rl_gym.checkpoint import read, to_bytes
-from cpp_rl_gym.sb3 import main
+from cpp_rl_gym.sb3 import DEFAULT_ACTIVATION, main
 from oracle import REPOSITORY
 from support import cpp_rl
 
@@ -34,6 +34,7 @@ BLOCKS = ["--set", "layer_norm=true", "--set", "activation=crelu"]
 OTHERS = {
     "norm": ("ppo", BLOCKS[:2], "has no normalised layers"),
     "crelu": ("dqn", BLOCKS[2:], "has no activation crelu"),
+    "fourier": ("ppo", ["--set", "activation=fourier"], "has no activation fourier"),
     "ppo-both": ("ppo", BLOCKS, "has no normalised layers"),
     "dqn-both": ("dqn", BLOCKS, "has no normalised layers"),
     "local": ("ppo", ["--set", "sensor=local"], "would not know its sensor local"),
@@ -115,7 +116,8 @@ def test_greedy_evaluation_is_the_same_from_every_start(trained: Trained, runs: 
 def test_greedy_evaluation_of_other_networks_is_the_same_from_every_start(other: Trained, runs: Path) -> None:
     agent, (_, settings, _) = read(other.path), OTHERS[other.preset]
     assert agent.layer_norm == ("layer_norm=true" in settings)
-    assert (agent.activation == "crelu") == ("activation=crelu" in settings)
+    chosen = [setting.removeprefix("activation=") for setting in settings if setting.startswith("activation=")]
+    assert [agent.activation] == (chosen or [DEFAULT_ACTIVATION[agent.algorithm]])
     assert agent.sensor == ("local" if "sensor=local" in settings else "full")
     assert to_bytes(agent) == other.path.read_bytes()
     for name, _ in agent.parameters():  # norms are trained too

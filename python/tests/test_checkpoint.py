@@ -134,24 +134,29 @@ def test_what_an_algorithm_leaves_to_the_next_stage_is_kept() -> None:
         to_bytes(checkpoint)
 
 
-def test_normalised_layers_and_crelu_by_hand() -> None:
+@pytest.mark.parametrize("activation", ["crelu", "fourier"])
+def test_normalised_layers_of_units_with_two_values_by_hand(activation: Any) -> None:
     """One layer of two units; their sums are 1 and 3, so that they lie one standard deviation from their mean."""
     tensors: dict[str, np.ndarray] = {
         "q.0.weight": np.zeros((8, 2)),
         "q.0.bias": np.array([1, 3]),
         "q.0.scale": np.array([2, 3]),
         "q.0.shift": np.array([0, 1]),
-        # The positive parts of both units, then the negative ones.
+        # The positive parts of both units, then the negative ones; or their sines, then their cosines.
         "q.1.weight": np.eye(4),
         "q.1.bias": np.zeros(4),
     }
     tensors |= {f"target/{name}": tensor for name, tensor in tensors.items()}
     tensors = {name: tensor.astype(np.float32) for name, tensor in tensors.items()}
     network: dict[str, Any] = {"towers": {"q": (8, 2, 4)}, "height": 1, "width": 2, "tensors": tensors}
-    checkpoint = Checkpoint(algorithm="dqn", activation="crelu", layer_norm=True, **network)
+    checkpoint = Checkpoint(algorithm="dqn", activation=activation, layer_norm=True, **network)
     one = 1 / np.sqrt(1 + 1e-5)
-    expected = [[0, 3 * one + 1, 2 * one, 0]]
-    np.testing.assert_allclose(checkpoint.forward("q", np.ones((1, 8))), expected, rtol=1e-6)
+    first, second = -2 * one, 3 * one + 1
+    expected = {
+        "crelu": [0, second, -first, 0],
+        "fourier": [np.sin(first), np.sin(second), np.cos(first), np.cos(second)],
+    }
+    np.testing.assert_allclose(checkpoint.forward("q", np.ones((1, 8))), [expected[activation]], rtol=1e-6)
     raw = to_bytes(checkpoint)
     assert_equal(from_bytes(raw, "c"), checkpoint)
     for change, message in (

@@ -85,5 +85,6 @@ impl Settings for Shared {
 }
 
 impl Choice for Activation {
-    const ALL: &'static [(&'static str, Self)] = &[("tanh", Self::Tanh), ("relu", Self::Relu), ("crelu", Self::Crelu)];
+    const ALL: &'static [(&'static str, Self)] =
+        &[("tanh", Self::Tanh), ("relu", Self::Relu), ("crelu", Self::Crelu), ("fourier", Self::Fourier)];
 }

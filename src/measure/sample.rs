@@ -112,6 +112,9 @@ pub enum Units {
     Tanh,
     /// The positive part of a sum.
     Relu,
+    /// The sine and the cosine of a sum, each a value by itself. No measure is of them alone: they neither die nor
+    /// saturate.
+    Fourier,
 }
 
 impl Units {
@@ -120,6 +123,7 @@ impl Units {
         match self {
             Self::Tanh => "tanh",
             Self::Relu => "ReLU",
+            Self::Fourier => "Fourier features",
         }
     }
 }

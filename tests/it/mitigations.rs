@@ -239,28 +239,30 @@ fn layers_are_reset_from_the_last() {
     }
 }
 
-/// A column of CReLU's units is reset as a whole: both values that leave it.
+/// A unit of CReLU or of Fourier features is reset as a whole: both values that leave it.
 #[test]
-fn a_unit_of_crelu_is_silenced_in_both_of_its_values() {
-    let sets = ["hidden=[3]", "activation=crelu", "layer_norm=true"].map(str::to_owned);
-    let config = config::resolve(Some("dqn"), None, &sets, None).expect("valid settings");
-    let network = config.network(&level());
-    let mut agent = config.agent(&level(), 0);
-    agent.parameters.fill(7.0);
-    let new = vec![2.0; agent.parameters.len()];
-    let mut patient = Patient { network: &network, agent: &mut agent, copies: &[], stage: 0, step: 0 };
-    patient.renew_incoming(0, 0, 1, &new);
-    patient.silence_outgoing(0, 0, 1);
-    let [first, last] = network.acting().blocks() else { panic!("two layers") };
-    let column: Vec<f32> = agent.parameters[first.weight.clone()].iter().skip(1).step_by(3).copied().collect();
-    assert!(column.iter().all(|&weight| weight == 2.0) && column.len() == 24);
-    assert_eq!(agent.parameters[first.bias.clone()], [7.0, 0.0, 7.0]);
-    let norm = first.norm.as_ref().expect("a norm");
-    assert_eq!(agent.parameters[norm.scale.clone()], [7.0, 1.0, 7.0]);
-    assert_eq!(agent.parameters[norm.shift.clone()], [7.0, 0.0, 7.0]);
-    let rows: Vec<&[f32]> = agent.parameters[last.weight.clone()].chunks(4).collect();
-    let silent: Vec<bool> = rows.iter().map(|row| row.iter().all(|&weight| weight == 0.0)).collect();
-    assert_eq!(silent, [false, true, false, false, true, false]);
+fn a_unit_that_leaves_two_values_is_silenced_in_both() {
+    for activation in ["crelu", "fourier"] {
+        let sets = ["hidden=[3]".to_owned(), format!("activation={activation}"), "layer_norm=true".to_owned()];
+        let config = config::resolve(Some("dqn"), None, &sets, None).expect("valid settings");
+        let network = config.network(&level());
+        let mut agent = config.agent(&level(), 0);
+        agent.parameters.fill(7.0);
+        let new = vec![2.0; agent.parameters.len()];
+        let mut patient = Patient { network: &network, agent: &mut agent, copies: &[], stage: 0, step: 0 };
+        patient.renew_incoming(0, 0, 1, &new);
+        patient.silence_outgoing(0, 0, 1);
+        let [first, last] = network.acting().blocks() else { panic!("two layers") };
+        let column: Vec<f32> = agent.parameters[first.weight.clone()].iter().skip(1).step_by(3).copied().collect();
+        assert!(column.iter().all(|&weight| weight == 2.0) && column.len() == 24);
+        assert_eq!(agent.parameters[first.bias.clone()], [7.0, 0.0, 7.0]);
+        let norm = first.norm.as_ref().expect("a norm");
+        assert_eq!(agent.parameters[norm.scale.clone()], [7.0, 1.0, 7.0]);
+        assert_eq!(agent.parameters[norm.shift.clone()], [7.0, 0.0, 7.0]);
+        let rows: Vec<&[f32]> = agent.parameters[last.weight.clone()].chunks(4).collect();
+        let silent: Vec<bool> = rows.iter().map(|row| row.iter().all(|&weight| weight == 0.0)).collect();
+        assert_eq!(silent, [false, true, false, false, true, false]);
+    }
 }
 
 /// Every mitigation with both algorithms: what is saved in the midst of a later stage goes on with the same bits, and

@@ -129,19 +129,22 @@ fn each_stage_is_measured_at_its_begin_its_end_and_between() {
 #[test]
 fn columns_name_towers_and_layers() {
     let sandbox = Sandbox::new();
-    for (algo, towers, of_units, later, num_rows) in [
+    for (algo, activation, towers, of_units, later, num_rows) in [
         (
             "ppo",
+            "tanh",
             &["policy", "value"][..],
             &["saturated_units", "saturated_activations"][..],
             &["constant_units", "centred_rank"][..],
             6,
         ),
         // The one update of a short stage is its first and its last.
-        ("dqn", &["q"], &["dead_units"], &["centred_rank"], 4),
+        ("dqn", "relu", &["q"], &["dead_units"], &["centred_rank"], 4),
+        ("dqn", "fourier", &["q"], &[], &["centred_rank"], 4),
     ] {
-        sandbox.succeeds(&format!("{CURRICULUM} {algo}.yaml --set hidden=[8,6] --out out"));
-        let (columns, rows) = read(&run(&sandbox, algo, "out"));
+        let sets = format!("--set hidden=[8,6] --set activation={activation}");
+        sandbox.succeeds(&format!("{CURRICULUM} {algo}.yaml {sets} --out {activation}"));
+        let (columns, rows) = read(&run(&sandbox, algo, activation));
         let of_agent = ["grad_norm", "update_norm", "policy_churn", "policy_churn_per_step"];
         let mut expected = of_agent.map(|name| format!("plasticity/{name}")).to_vec();
         let of_outputs = if algo == "ppo" { &["policy_entropy", "logit_scale"][..] } else { &["action_gap"] };

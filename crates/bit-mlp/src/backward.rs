@@ -1,7 +1,8 @@
 //! The gradient of the parameters, derived by hand.
 
-use crate::activation::{Differentiate, MirrorGradient};
+use crate::activation::{Differentiate, DifferentiatePair};
 use crate::batch::Batch;
+use crate::block::Form;
 use crate::buffer::{Buffer, padded};
 use crate::first_layer::WeightGradient;
 use crate::matmul::{Factor, Matmul};
@@ -35,7 +36,7 @@ impl Mlp {
         grads: &mut [f32],
     ) {
         let Workspace { arch, packed, trace, deltas, gradient, bias, active_in, .. } = workspace;
-        let Trace { layers, mirrored } = trace;
+        let Trace { layers, aside } = trace;
         let last = self.blocks().len() - 1;
         assert_eq!(d_outputs.len(), batch.len() * self.outputs(), "d_outputs is [B, outputs]");
         assert_eq!(
@@ -109,7 +110,8 @@ impl Mlp {
 
             // δ' = (δ weightᵀ) ⊙ activation'
             let below = &self.blocks()[index - 1];
-            let d_leaving = if below.mirrors() { &mut *mirrored } else { &mut *lower };
+            let form = self.activation().form();
+            let d_leaving = if let Form::Pair(_) = form { &mut *aside } else { &mut *lower };
             d_leaving.resize(batch.len() * inputs);
             arch.dispatch(Matmul {
                 left: Factor::new(delta, width),
@@ -119,10 +121,21 @@ impl Mlp {
                 width: inputs,
                 out: d_leaving,
             });
-            arch.dispatch(Differentiate { activation: self.activation(), activated: input, gradients: d_leaving });
-            if below.mirrors() {
-                lower.resize(batch.len() * padded(below.width));
-                arch.dispatch(MirrorGradient { gradients: mirrored, width: below.width, out: lower });
+            match form {
+                Form::Single(activation) => {
+                    arch.dispatch(Differentiate { activation, activated: input, gradients: lower });
+                }
+                Form::Pair(activation) => {
+                    let width = below.width;
+                    lower.resize(batch.len() * padded(width));
+                    arch.dispatch(DifferentiatePair {
+                        activation,
+                        activated: input,
+                        gradients: aside,
+                        width,
+                        out: lower,
+                    });
+                }
             }
             if let Some(norm) = &below.norm {
                 let (d_scale, d_shift) = grads[norm.scale.start..norm.shift.end].split_at_mut(norm.scale.len());

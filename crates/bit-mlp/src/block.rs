@@ -12,14 +12,47 @@ pub enum Activation {
     /// `[max(x, 0), max(−x, 0)]`: two values per unit, so that one of them always passes a
     /// gradient (Abbas et al., 2023, <https://arxiv.org/abs/2303.07507>). Both derivatives at 0 are taken as 0.
     Crelu,
+    /// `[sin x, cos x]`: two values per unit, of which one is always nearly linear (deep Fourier features, Lewandowski,
+    /// Schuurmans & Machado, 2024, <https://arxiv.org/abs/2410.20634>).
+    Fourier,
+}
+
+/// How values leave a unit: one in the place of its sum, or two.
+#[derive(Clone, Copy)]
+pub(crate) enum Form {
+    Single(Single),
+    Pair(Pair),
+}
+
+/// An activation that leaves one value.
+#[derive(Clone, Copy)]
+pub(crate) enum Single {
+    Tanh,
+    Relu,
+}
+
+/// An activation that leaves two values.
+#[derive(Clone, Copy)]
+pub(crate) enum Pair {
+    Crelu,
+    Fourier,
 }
 
 impl Activation {
     /// Number of values that leave a unit for each sample.
     pub const fn outputs_per_unit(self) -> usize {
+        match self.form() {
+            Form::Single(_) => 1,
+            Form::Pair(_) => 2,
+        }
+    }
+
+    pub(crate) const fn form(self) -> Form {
         match self {
-            Activation::Tanh | Activation::Relu => 1,
-            Activation::Crelu => 2,
+            Activation::Tanh => Form::Single(Single::Tanh),
+            Activation::Relu => Form::Single(Single::Relu),
+            Activation::Crelu => Form::Pair(Pair::Crelu),
+            Activation::Fourier => Form::Pair(Pair::Fourier),
         }
     }
 }
@@ -83,15 +116,10 @@ impl Block {
         Self { inputs, width, weight, bias, norm, activation }
     }
 
-    /// Number of values that leave the block for each sample. With [`Activation::Crelu`] these are
-    /// the `width` positive parts, then the `width` negative parts.
+    /// Number of values that leave the block for each sample. With an activation that leaves two
+    /// values per unit these are the first ones of all `width` units, then the second ones.
     pub fn outputs(&self) -> usize {
         self.width * self.activation.map_or(1, Activation::outputs_per_unit)
-    }
-
-    /// Whether CReLU's mirror image comes between the sums and what leaves the block.
-    pub(crate) fn mirrors(&self) -> bool {
-        self.activation == Some(Activation::Crelu)
     }
 
     /// The block's tensors in the order in which they lie, one after the other.

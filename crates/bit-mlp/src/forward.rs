@@ -3,9 +3,9 @@
 
 use pulp::Arch;
 
-use crate::activation::{Activate, Mirror};
+use crate::activation::{Activate, ActivatePair};
 use crate::batch::Batch;
-use crate::block::Block;
+use crate::block::{Activation, Block, Form};
 use crate::buffer::padded;
 use crate::first_layer::SumRows;
 use crate::matmul::{Factor, Matmul};
@@ -27,14 +27,16 @@ impl Packed {
         samples: impl ExactSizeIterator<Item = &'a [u16]> + Clone,
         trace: &mut Trace,
     ) {
-        let Trace { layers, mirrored } = trace;
+        let Trace { layers, aside } = trace;
         for (index, block) in mlp.blocks().iter().enumerate() {
             let (before, after) = layers.split_at_mut(index);
             let Passed { leaving, normalised, inverse } = &mut after[0];
             let width = padded(block.width);
             let len = samples.len() * width;
-            // The sums go straight to where they leave the layer, unless something comes before the activation.
-            let activated = if block.mirrors() { &mut *mirrored } else { &mut *leaving };
+            // The sums go straight to where they leave the layer, unless more leaves it or something comes before the
+            // activation.
+            let form = block.activation.map(Activation::form);
+            let activated = if let Some(Form::Pair(_)) = form { &mut *aside } else { &mut *leaving };
             let out = if block.norm.is_some() { &mut *normalised } else { &mut *activated };
             out.resize(len);
             if let Some(input) = before.last() {
@@ -66,12 +68,13 @@ impl Packed {
                     out: activated,
                 });
             }
-            if block.mirrors() {
-                leaving.resize(samples.len() * padded(block.outputs()));
-                arch.dispatch(Mirror { values: mirrored, width: block.width, out: leaving });
-            }
-            if let Some(activation) = block.activation {
-                arch.dispatch(Activate { activation, values: leaving });
+            match form {
+                None => {}
+                Some(Form::Single(activation)) => arch.dispatch(Activate { activation, values: leaving }),
+                Some(Form::Pair(activation)) => {
+                    leaving.resize(samples.len() * padded(block.outputs()));
+                    arch.dispatch(ActivatePair { activation, values: aside, width: block.width, out: leaving });
+                }
             }
         }
     }
@@ -143,7 +146,7 @@ impl Prepared {
 mod tests {
     use super::*;
     use crate::batch::BitBatch;
-    use crate::block::{Activation, Shape};
+    use crate::block::Shape;
 
     /// Plain code, every instruction set of this machine that is supported, and the one
     /// that is chosen.
@@ -159,7 +162,8 @@ mod tests {
         // The wide one has products in several blocks, packed, read in place, and with a gradient that goes straight
         // to its place.
         let shapes = [(&[37, 64][..], 0.3), (&[37, 272, 256], 0.1)].into_iter().flat_map(|(hidden, scale)| {
-            let all = [Activation::Tanh, Activation::Relu, Activation::Crelu].map(|activation| {
+            let activations = [Activation::Tanh, Activation::Relu, Activation::Crelu, Activation::Fourier];
+            let all = activations.map(|activation| {
                 [false, true]
                     .map(|layer_norm| (Shape { inputs: 40, hidden, outputs: 5, activation, layer_norm }, scale))
             });

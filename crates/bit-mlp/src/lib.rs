@@ -14,10 +14,10 @@
 //! are flat slices of the same length.
 //!
 //! # Networks
-//! A [`Shape`] says what a network looks like: its sizes, its [`Activation`] (tanh, ReLU or CReLU),
-//! and whether hidden layers are normalised. It counts the parameters before anything is made.
-//! [`Workspace::activations`] shows what left each layer in the last forward pass. A [`Pull`] adds a
-//! penalty towards zeros or an anchor to the gradient.
+//! A [`Shape`] says what a network looks like: its sizes, its [`Activation`] (tanh, ReLU, CReLU or
+//! Fourier features), and whether hidden layers are normalised. It counts the parameters before
+//! anything is made. [`Workspace::activations`] shows what left each layer in the last forward pass.
+//! A [`Pull`] adds a penalty towards zeros or an anchor to the gradient.
 //!
 //! # A gradient step
 //! ```
@@ -44,8 +44,8 @@
 //! ```
 //!
 //! # Numbers
-//! Everything is `f32`, and tanh is accurate to 3 units in the last place. The instruction set is
-//! found at run time (AVX-512, AVX2 with FMA, NEON, or plain code), so one binary serves all
+//! Everything is `f32`; tanh, sin and cos are accurate to 3 units in the last place. The instruction
+//! set is found at run time (AVX-512, AVX2 with FMA, NEON, or plain code), so one binary serves all
 //! machines; on one machine results depend on the inputs alone, bit for bit. Between instruction
 //! sets they differ by rounding.
 

@@ -79,7 +79,7 @@ mod tests {
 
     #[test]
     fn blocks_tile_the_parameters() {
-        for activation in [Activation::Tanh, Activation::Relu, Activation::Crelu] {
+        for activation in [Activation::Tanh, Activation::Relu, Activation::Crelu, Activation::Fourier] {
             for layer_norm in [false, true] {
                 check_tiling(Shape { inputs: 256, hidden: &[64, 48], outputs: 4, activation, layer_norm });
             }

@@ -34,9 +34,9 @@ pub struct Workspace {
 pub(crate) struct Trace {
     /// From the inputs to the outputs.
     pub(crate) layers: Vec<Passed>,
-    /// Of the layer at hand, if what leaves it is mirrored: `[B, padded(width)]` what is, and
-    /// `[B, padded(outputs)]` its loss gradient on the way back.
-    pub(crate) mirrored: Buffer,
+    /// Of the layer at hand, if two values leave each of its units: `[B, padded(width)]` what they
+    /// are computed from, and `[B, padded(outputs)]` their loss gradient on the way back.
+    pub(crate) aside: Buffer,
 }
 
 /// What a layer computed.

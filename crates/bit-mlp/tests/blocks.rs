@@ -22,6 +22,7 @@ impl Case {
             "tanh" => Activation::Tanh,
             "relu" => Activation::Relu,
             "crelu" => Activation::Crelu,
+            "fourier" => Activation::Fourier,
             other => panic!("unknown activation {other}"),
         };
         let [inputs, hidden @ .., outputs] = self.sizes.as_slice() else { panic!("too few sizes") };
@@ -44,7 +45,7 @@ fn assert_close(what: &str, ours: &[f32], theirs: &[f64]) {
 #[test]
 fn outputs_and_gradients_equal_pytorch() {
     let cases: Vec<Case> = serde_json::from_str(include_str!("fixtures/blocks.json")).expect("the fixture is readable");
-    assert_eq!(cases.len(), 6, "three activations, with normalisation and without");
+    assert_eq!(cases.len(), 8, "four activations, with normalisation and without");
     for case in cases {
         let what = format!("{}, layer_norm {}", case.activation, case.layer_norm);
         let mlp = case.mlp();

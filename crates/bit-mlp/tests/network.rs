@@ -9,7 +9,7 @@ use bit_mlp::{Activation, BitBatch, Mlp, Prepared, Shape, Workspace};
 use chacha20::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
-const ACTIVATIONS: [Activation; 3] = [Activation::Tanh, Activation::Relu, Activation::Crelu];
+const ACTIVATIONS: [Activation; 4] = [Activation::Tanh, Activation::Relu, Activation::Crelu, Activation::Fourier];
 
 /// A random network with parameters, samples and a loss gradient at the outputs.
 struct Case {

@@ -69,6 +69,7 @@ impl LayerViews {
             Some(Activation::Tanh) => sums.tanh(),
             Some(Activation::Relu) => sums.relu(),
             Some(Activation::Crelu) => Tensor::cat(&[sums.relu(), (-sums).relu()], -1),
+            Some(Activation::Fourier) => Tensor::cat(&[sums.sin(), sums.cos()], -1),
         }
     }
 }

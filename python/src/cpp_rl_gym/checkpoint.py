@@ -29,12 +29,14 @@ import numpy as np
 
 FORMAT = 1
 TOWERS: dict[str, tuple[str, ...]] = {"ppo": ("policy", "value"), "dqn": ("q",)}
-Activation = Literal["tanh", "relu", "crelu"]
+Activation = Literal["tanh", "relu", "crelu", "fourier"]
 ACTIVATIONS: dict[Activation, Callable[[np.ndarray], np.ndarray]] = {
     "tanh": np.tanh,
     "relu": lambda x: np.maximum(x, 0),
     "crelu": lambda x: np.maximum(np.concatenate((x, -x), axis=1), 0),  # Abbas et al. 2023
+    "fourier": lambda x: np.concatenate((np.sin(x), np.cos(x)), axis=1),  # Lewandowski et al. 2024
 }
+PAIRS: tuple[Activation, ...] = ("crelu", "fourier")  # those of which a unit gives two numbers
 COUNTERS = ("updates", "target_calls")
 OPTIONAL = ("layer_norm", "sensor", "extra")  # fields of the header that are left out at their defaults
 CHANNELS = 4  # of the sensor ``full``
@@ -59,8 +61,8 @@ class Checkpoint:
     ``tensors`` maps the names of the module's documentation to arrays. ``towers`` maps each tower to its layer
     sizes, e.g. ``{"q": (256, 64, 64, 4)}``: the inputs, then the units of each layer. ``sensor`` is what the agent sees
     with, and says how many inputs there are: ``4 * height * width`` of ``full``. ``layer_norm`` says whether hidden
-    layers are normalised (Ba et al. 2016). A unit of the activation ``crelu`` gives two numbers, so that the next layer
-    takes twice as many.
+    layers are normalised (Ba et al. 2016). A unit of the activation ``crelu`` or ``fourier`` gives two numbers, so that
+    the next layer takes twice as many.
 
     ``adam_step`` is 0 when there is no optimiser state. ``counters`` may have ``updates`` (epochs of PPO, gradient steps
     of DQN) and ``target_calls`` (environment steps that time the copies into DQN's target network); a missing one is 0.
@@ -88,7 +90,7 @@ class Checkpoint:
         """Name and shape of every trained tensor, tower by tower and layer by layer."""
         for tower, sizes in self.towers.items():
             for i, (inputs, outputs) in enumerate(pairwise(sizes)):
-                doubled = self.activation == "crelu" and i > 0
+                doubled = self.activation in PAIRS and i > 0
                 yield f"{tower}.{i}.weight", (2 * inputs if doubled else inputs, outputs)
                 yield f"{tower}.{i}.bias", (outputs,)
                 if self.layer_norm and i < len(sizes) - 2:

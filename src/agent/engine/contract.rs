@@ -87,7 +87,7 @@ pub struct Units {
 pub struct LayerUnits {
     /// How many units there are.
     pub units: usize,
-    /// K, how many values leave them: more than one for each unit of CReLU.
+    /// K, how many values leave them: two for each unit of CReLU and of Fourier features.
     pub values: usize,
     /// `[B, K]`, row-major.
     pub activations: Vec<f32>,

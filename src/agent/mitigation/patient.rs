@@ -59,7 +59,7 @@ impl Patient<'_> {
     pub fn silence_outgoing(&mut self, tower: usize, layer: usize, unit: usize) {
         let blocks = self.network.towers()[tower].mlp.blocks();
         let (block, next) = (&blocks[layer], &blocks[layer + 1]);
-        // A unit of CReLU leaves two values, `width` apart.
+        // A unit of CReLU or of Fourier features leaves two values, `width` apart.
         for value in (unit..block.outputs()).step_by(block.width) {
             let row: Range<usize> =
                 next.weight.start + value * next.width..next.weight.start + (value + 1) * next.width;

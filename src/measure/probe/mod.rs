@@ -133,5 +133,6 @@ fn units(activation: Activation) -> Units {
         Activation::Tanh => Units::Tanh,
         // Each unit of CReLU leaves two values, both as those of ReLU.
         Activation::Relu | Activation::Crelu => Units::Relu,
+        Activation::Fourier => Units::Fourier,
     }
 }

@@ -51,6 +51,7 @@ fn layer(block: &Block, params: &[f64], inputs: Vec<f64>) -> Layer {
         Some(Activation::Crelu) => {
             values.iter().copied().chain(values.iter().map(|x| -x)).map(|x| x.max(0.0)).collect()
         }
+        Some(Activation::Fourier) => values.iter().map(|x| x.sin()).chain(values.iter().map(|x| x.cos())).collect(),
     };
     Layer { inputs, sums, deviation, outputs }
 }
@@ -73,6 +74,10 @@ pub fn backward(mlp: &Mlp, params: &[f64], input: &[f64], d_output: &[f64], grad
                 let slope = |o: usize| f64::from(outputs[o] > 0.0);
                 let n = block.width;
                 (0..n).map(|o| delta[o] * slope(o) - delta[n + o] * slope(n + o)).collect()
+            }
+            Some(Activation::Fourier) => {
+                let n = block.width;
+                (0..n).map(|o| delta[o] * outputs[n + o] - delta[n + o] * outputs[o]).collect()
             }
         };
         if let Some(norm) = &block.norm {

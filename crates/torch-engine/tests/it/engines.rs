@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use bit_mlp::BitBatch;
+use bit_mlp::{Activation, BitBatch};
 use coverage_env::generator::LevelSpec;
 use coverage_env::random::{below, unit_f32};
 use coverage_env::sensor::Full;
@@ -12,6 +12,7 @@ use cpp_rl::agent::dqn::{DqnLoss, Replay, ReplayState, Transitions};
 use cpp_rl::agent::engine::{Device, Engine, FusedEngine, Loss};
 use cpp_rl::agent::ppo::{PpoConfig, PpoLoss, PpoTerms, Rollout};
 use cpp_rl::agent::state::AgentState;
+use cpp_rl::config::Choice;
 use cpp_rl::random::{Purpose, Stream};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -41,7 +42,7 @@ struct Setting {
 /// Levels that are seldom square, networks of 0 to 2 hidden layers of every kind, and every L2 penalty on both ranges.
 fn settings(algo: &'static str) -> impl Strategy<Value = Setting> {
     let level = (2..6_usize, 2..7_usize, 0.0..0.3, 1..4_usize, any::<u64>());
-    let activation = prop::sample::select(vec!["tanh", "relu", "crelu"]);
+    let activation = prop::sample::select(Activation::ALL).prop_map(|(name, _)| name);
     let network = (prop::collection::vec(1..9_usize, 0..3), activation, any::<bool>());
     let l2 = prop::sample::select(vec!["none", "adamw", "adam", "loss"]);
     let optimizer = (l2, prop::sample::select(vec!["all", "weights"]), 1e-3..0.5, 0.05..5.0, 0.8..1.0);
