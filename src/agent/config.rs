@@ -268,6 +268,8 @@ mod tests {
         settings.remove("engine");
         settings.remove("mitigations");
         settings.remove("sensor");
+        settings.remove("adam_beta1");
+        settings.remove("adam_beta2");
         settings.insert("kernel".to_owned(), "autograd".into());
         assert_eq!(Config::recorded(&settings).unwrap(), config);
     }

@@ -7,7 +7,9 @@ use coverage_env::{Level, Sensor};
 use super::engine::EngineChoice;
 use super::network::Layout;
 use super::optimizer::OptimizerConfig;
-use crate::config::{Choice, Settings, Visitor, at_least, choice, flag, fraction, integer, list, one_of, positive};
+use crate::config::{
+    Choice, Settings, Visitor, at_least, below_one, choice, flag, fraction, integer, list, one_of, positive,
+};
 
 /// What every learner needs, whatever its algorithm.
 #[derive(Clone, Debug)]
@@ -46,7 +48,13 @@ impl Default for Shared {
             hidden: vec![64, 64],
             activation: Activation::Tanh,
             layer_norm: false,
-            optimizer: OptimizerConfig { learning_rate: 1e-4, adam_eps: 1e-5, max_grad_norm: 0.5 },
+            optimizer: OptimizerConfig {
+                learning_rate: 1e-4,
+                adam_beta1: 0.9,
+                adam_beta2: 0.999,
+                adam_eps: 1e-5,
+                max_grad_norm: 0.5,
+            },
             engine: EngineChoice::Auto,
         }
     }
@@ -79,6 +87,9 @@ impl Settings for Shared {
         v.field("layer_norm", "normalise the sums of the hidden layers", &mut flag(&mut self.layer_norm));
         let optimizer = &mut self.optimizer;
         v.field("learning_rate", "step size of Adam", &mut positive(&mut optimizer.learning_rate));
+        let (beta1, beta2) = (&mut optimizer.adam_beta1, &mut optimizer.adam_beta2);
+        v.field("adam_beta1", "decay of Adam's mean of the gradients", &mut below_one(beta1));
+        v.field("adam_beta2", "decay of Adam's mean of the squared gradients", &mut below_one(beta2));
         v.field("adam_eps", "epsilon of Adam's denominator", &mut at_least(&mut optimizer.adam_eps, 1e-12));
         v.field("max_grad_norm", "largest norm of a seed's gradient", &mut positive(&mut optimizer.max_grad_norm));
     }

@@ -96,6 +96,11 @@ pub fn fraction(place: &mut f64) -> impl Field + '_ {
     Float::new(place, "a number from 0 to 1", |v| (0.0..=1.0).contains(&v))
 }
 
+/// A number from 0 to 1, but not 1 itself.
+pub fn below_one(place: &mut f64) -> impl Field + '_ {
+    Float::new(place, "a number from 0 to 1, but not 1", |v| (0.0..1.0).contains(&v))
+}
+
 /// A finite number of `least` or more.
 pub fn at_least(place: &mut f64, least: f64) -> impl Field + '_ {
     Float::new(place, format!("a number of {least:e} or more"), move |v| v >= least)

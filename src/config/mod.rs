@@ -11,7 +11,7 @@ mod presets;
 use serde_json::{Map, Value};
 
 pub use field::{
-    Choice, Field, at_least, choice, flag, fraction, integer, list, names, non_negative, one_of, positive,
+    Choice, Field, at_least, below_one, choice, flag, fraction, integer, list, names, non_negative, one_of, positive,
 };
 pub use layers::{ConfigError, Layers, check_name, nearest};
 pub use presets::{PRESETS, preset_names};

@@ -16,12 +16,18 @@ fn keys_are_listed_with_what_they_can_be() {
     assert_eq!(timesteps["defaults"], json!({ "ppo": 500_000, "dqn": 1_000_000 }));
     assert_eq!(timesteps["allowed"], "an integer from 1 to 1000000000000");
     assert_eq!(key("clip_range", "ppo")["allowed"], "a number above 0");
+    let beta2 = key("adam_beta2", "common");
+    assert_eq!(beta2["defaults"], json!({ "ppo": 0.999, "dqn": 0.999 }));
+    assert_eq!(beta2["allowed"], "a number from 0 to 1, but not 1");
     assert_eq!(key("l2", "mitigation l2")["allowed"], "one of none, adamw, adam, loss");
     let table = sandbox.succeeds("config keys").stdout;
     assert!(table.contains("ppo: 500000, dqn: 1000000"), "{table}");
     // What is refused says the same.
     let error = sandbox.fails(2, "train --algo ppo --level 0 --set timesteps=0");
     assert!(error.contains("expected an integer from 1 to 1000000000000"), "{error}");
+    let error = sandbox.fails(2, "train --algo ppo --level 0 --set adam_beta1=1");
+    assert!(error.contains("adam_beta1: expected a number from 0 to 1, but not 1, got 1"), "{error}");
+    assert!(sandbox.succeeds("config show --algo ppo --set adam_beta1=0").stdout.contains("adam_beta1: 0.0"));
 
     let of_preset = sandbox.json("config keys --algo ppo-l2");
     let of_preset = of_preset.as_array().expect("a list");

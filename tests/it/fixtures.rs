@@ -178,7 +178,12 @@ impl Case {
 fn settings(json: &Value) -> Config {
     let algorithm = json["algorithm"].as_str().expect("an algorithm");
     let optimizer = &json["optimizer"];
-    let mut sets = vec![format!("adam_eps={}", optimizer["eps"]), format!("max_steps={}", json["max_steps"])];
+    let mut sets = vec![
+        format!("adam_beta1={}", optimizer["betas"][0]),
+        format!("adam_beta2={}", optimizer["betas"][1]),
+        format!("adam_eps={}", optimizer["eps"]),
+        format!("max_steps={}", json["max_steps"]),
+    ];
     if json["starts_from"].is_null() {
         sets.push("hidden=[16, 12]".to_owned());
     }

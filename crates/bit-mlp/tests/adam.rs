@@ -53,10 +53,15 @@ fn widen(values: &[f32]) -> Vec<f64> {
     values.iter().map(|&value| f64::from(value)).collect()
 }
 
-/// Steps with this decay and a pull towards a random anchor, both of the `decayed` parameters.
+/// Steps with the usual betas.
 fn check(decay: Decay, pull: f64, decayed: Decayed<'_>, max_grad_norm: f32) {
-    let mut rng = ChaCha8Rng::seed_from_u64(1);
     let config = AdamConfig { lr: 3e-3, eps: 1e-5, decay, ..AdamConfig::default() };
+    check_config(&config, pull, decayed, max_grad_norm);
+}
+
+/// Steps of this Adam, its decay and a pull towards a random anchor both of the `decayed` parameters.
+fn check_config(config: &AdamConfig, pull: f64, decayed: Decayed<'_>, max_grad_norm: f32) {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut params: Vec<f32> = (0..LEN).map(|_| rng.random_range(-1.0..1.0)).collect();
     let anchor: Vec<f32> = (0..LEN).map(|_| rng.random_range(-1.0..1.0)).collect();
     let (mut exp_avg, mut exp_avg_sq) = (vec![0.0; LEN], vec![0.0; LEN]);
@@ -80,8 +85,8 @@ fn check(decay: Decay, pull: f64, decayed: Decayed<'_>, max_grad_norm: f32) {
             pull.add_to(&mut grads, &params);
         }
         let moments = Moments { exp_avg: &mut exp_avg, exp_avg_sq: &mut exp_avg_sq, step };
-        let norm = clip_and_adam(&mut params, &grads, moments, max_grad_norm, decayed, &config);
-        let expected = reference.step(&expected, step as i32, f64::from(max_grad_norm), decays, &config);
+        let norm = clip_and_adam(&mut params, &grads, moments, max_grad_norm, decayed, config);
+        let expected = reference.step(&expected, step as i32, f64::from(max_grad_norm), decays, config);
         assert!((f64::from(norm) - expected).abs() < 1e-5 * expected, "norm {norm} instead of {expected}");
         let all = [(&params, &reference.params), (&exp_avg, &reference.exp_avg), (&exp_avg_sq, &reference.exp_avg_sq)];
         for (ours, reference) in all {
@@ -104,6 +109,14 @@ fn steps_equal_pytorch_for_every_decay() {
                 check(decay, 0.0, decayed, max_grad_norm);
             }
         }
+    }
+}
+
+#[test]
+fn steps_equal_pytorch_for_other_betas() {
+    for (beta1, beta2) in [(0.99, 0.99), (0.9, 0.9), (0.0, 0.999), (0.0, 0.0)] {
+        let config = AdamConfig { lr: 3e-3, beta1, beta2, eps: 1e-3, decay: Decay::None };
+        check_config(&config, 0.0, Decayed::All, 0.5);
     }
 }
 

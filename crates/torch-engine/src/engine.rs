@@ -18,8 +18,6 @@ use crate::dense::{dense, stack, to_vec};
 use crate::losses;
 use crate::towers::TowerViews;
 
-/// β₁ and β₂, which no preset changes (Kingma & Ba 2015).
-const BETAS: (f64, f64) = (0.9, 0.999);
 /// What PyTorch's `clip_grad_norm_` adds to the norm.
 const CLIP_EPS: f64 = 1e-6;
 
@@ -123,7 +121,7 @@ impl TorchEngine {
 
         let decoupled = pulled(Entry::Decoupled).map(|pull| pull.coefficient);
         self.step += 1;
-        let (beta1, beta2) = BETAS;
+        let (beta1, beta2) = (o.adam_beta1, o.adam_beta2);
         let correction = |beta: f64| 1.0 - beta.powf(self.step as f64);
         if let Some(coefficient) = decoupled {
             // PyTorch multiplies by the factor rounded to f32, in which 1 − 10⁻⁸ is 1.

@@ -43,6 +43,7 @@ Algorithm = Literal["ppo", "dqn"]
 
 # The paper's hyper-parameters; they are not part of a checkpoint, so an exported model carries these.
 LEARNING_RATE = 1e-4
+BETAS = (0.9, 0.999)  # of Adam
 PPO_ARGUMENTS = {
     "learning_rate": LEARNING_RATE,
     "n_steps": 2048,
@@ -269,7 +270,7 @@ def export_zip(checkpoint: Checkpoint, path: str | Path, *, l2: bool = False, fo
     """Writes a checkpoint as a zip that ``PPO.load`` or ``DQN.load`` reads, with the paper's hyper-parameters.
 
     ``l2`` chooses the optimiser of the paper's PPO with L2 (AdamW, weight decay 1e-4, eps 1e-8) instead of the
-    algorithm's default Adam; a checkpoint does not say which it was trained with.
+    algorithm's default Adam. A checkpoint does not say which it was trained with, nor with which learning rate and betas.
     """
     write_aside(path, _to_zip(checkpoint, l2=l2), force=force)
 
@@ -348,7 +349,7 @@ def _optimizer(c: Checkpoint, names: Names, *, l2: bool) -> dict[str, Any]:
     """The state of torch's Adam or AdamW, its parameters numbered in the order of ``names``."""
     settings = L2_OPTIMIZER if l2 else {"weight_decay": 0, "eps": DEFAULT_EPS[c.algorithm]}
     flags = {"amsgrad": False, "maximize": False, "foreach": None, "capturable": False, "differentiable": False}
-    group: dict[str, Any] = {"lr": LEARNING_RATE, "betas": (0.9, 0.999), **settings, **flags, "fused": None}
+    group: dict[str, Any] = {"lr": LEARNING_RATE, "betas": BETAS, **settings, **flags, "fused": None}
     group |= {"decoupled_weight_decay": l2, "params": list(range(len(names)))}
 
     def entry(ours: str) -> dict[str, Any]:

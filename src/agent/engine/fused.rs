@@ -53,7 +53,13 @@ impl FusedEngine {
         let towers: Vec<Mlp> = network.towers().iter().map(|tower| tower.mlp.clone()).collect();
         let covered = |pull: &Pull| (!pull.covers_all).then(|| network.weights());
         let pull = pull.map(|pull| FusedPull { covered: covered(&pull), pull });
-        let decay = pull.as_ref().map_or(Decay::None, FusedPull::decay);
+        let adam = AdamConfig {
+            lr: optimizer.learning_rate,
+            beta1: optimizer.adam_beta1,
+            beta2: optimizer.adam_beta2,
+            eps: optimizer.adam_eps,
+            decay: pull.as_ref().map_or(Decay::None, FusedPull::decay),
+        };
         let seed = |agent: AgentState| Seed {
             gradient: vec![0.0; agent.parameters.len()],
             acting: Prepared::new(&towers[0], &agent.parameters, &[]),
@@ -65,7 +71,7 @@ impl FusedEngine {
             agent,
         };
         Self {
-            adam: AdamConfig { lr: optimizer.learning_rate, eps: optimizer.adam_eps, decay, ..AdamConfig::default() },
+            adam,
             max_grad_norm: optimizer.max_grad_norm as f32,
             pull,
             seeds: agents.into_iter().map(seed).collect(),

@@ -39,18 +39,21 @@ struct Setting {
     seed: u64,
 }
 
-/// Levels that are seldom square, networks of 0 to 2 hidden layers of every kind, and every L2 penalty on both ranges.
+/// Levels that are seldom square, networks of 0 to 2 hidden layers of every kind, every L2 penalty on both ranges, and
+/// three pairs of Adam's betas.
 fn settings(algo: &'static str) -> impl Strategy<Value = Setting> {
     let level = (2..6_usize, 2..7_usize, 0.0..0.3, 1..4_usize, any::<u64>());
     let activation = prop::sample::select(Activation::ALL).prop_map(|(name, _)| name);
     let network = (prop::collection::vec(1..9_usize, 0..3), activation, any::<bool>());
     let l2 = prop::sample::select(vec!["none", "adamw", "adam", "loss"]);
-    let optimizer = (l2, prop::sample::select(vec!["all", "weights"]), 1e-3..0.5, 0.05..5.0, 0.8..1.0);
+    let covers = prop::sample::select(vec!["all", "weights"]);
+    let betas = prop::sample::select(vec![(0.9, 0.999), (0.99, 0.99), (0.0, 0.5)]);
+    let optimizer = (l2, covers, betas, 1e-3..0.5, 0.05..5.0, 0.8..1.0);
     let seeds = (1..4_u64, any::<u64>());
     (level, network, optimizer, seeds).prop_filter_map("no such level", move |(level, network, optimizer, seeds)| {
         let (height, width, wall_density, num_targets, seed) = level;
         let level = LevelSpec { height, width, wall_density, num_targets, seed }.generate().ok()?;
-        let (l2, covers, coef, max_grad_norm, gamma) = optimizer;
+        let (l2, covers, (beta1, beta2), coef, max_grad_norm, gamma) = optimizer;
         // A norm over two units divides their difference by about itself: where that is small, it magnifies rounding.
         let least = if network.2 { 3 } else { 0 };
         let widths: Vec<usize> = network.0.iter().map(|width| width + least).collect();
@@ -62,6 +65,8 @@ fn settings(algo: &'static str) -> impl Strategy<Value = Setting> {
             format!("l2_covers={covers}"),
             format!("max_grad_norm={max_grad_norm}"),
             format!("gamma={gamma}"),
+            format!("adam_beta1={beta1}"),
+            format!("adam_beta2={beta2}"),
             // Where a gradient vanishes but for rounding, Adam's step is the sign of that rounding unless ε is larger.
             "adam_eps=1e-3".to_owned(),
             "learning_rate=1e-2".to_owned(),
