@@ -92,6 +92,15 @@ class CppRl:
             return Timed(made[0], elapsed[0], process)
         return Timed(made[-1] - made[0], elapsed[-1] - elapsed[0], process)
 
+    def mitigations(self, algo: str) -> list[str]:
+        """The names of all mitigations that this preset can have."""
+        keys = json.loads(self.command("config", "keys", "--algo", algo, "--format", "json", cores=[0]).output)
+        (allowed,) = (key["allowed"] for key in keys if key["key"] == "mitigations")
+        names = re.search(r"out of (.*), such as", allowed)[1].split(", ")
+        show = [self.binary, "config", "show", "--algo", algo, "--set"]
+        fits = [subprocess.run([*show, f"mitigations=[{name}]"], capture_output=True).returncode == 0 for name in names]
+        return [name for name, fit in zip(names, fits, strict=True) if fit]
+
     def version(self) -> str:
         """As the binary says it."""
         return self.command("--version", cores=[0]).output.strip()

@@ -212,6 +212,21 @@ def environments(b: Bench) -> Rows:
     return along(b, "environments", ENVIRONMENTS, options)
 
 
+def mitigations(b: Bench) -> Rows:
+    """Every mitigation at its default dose, each in turn with the plain algorithm."""
+    rows = []
+    for algo in ALGORITHMS:
+        n = whole(b.cpp_rl.train(algo, 2 * ROLLOUT, b.core).rate * b.seconds / 4)
+        for name in b.cpp_rl.mitigations(algo):
+            settings = [f"mitigations=[{name}]"]
+            for repetition in range(b.repetitions):
+                base, timed = (b.cpp_rl.train(algo, n, b.core, settings=sets) for sets in ([], settings))
+                row = {"algo": algo, "mitigation": name, "repetition": repetition, "base": base.rate}
+                rows.append({**row, **numbers(timed)})
+            say(f"{algo}, {name}: {timed.rate:,.0f} timesteps/s, plain {base.rate:,.0f}")
+    return rows
+
+
 def curriculum(b: Bench) -> Rows:
     """PPO-L2 through the five levels, one seed, as a user starts it."""
     rows = []
@@ -302,6 +317,7 @@ SECTIONS: dict[str, tuple[Callable[[Bench], Rows], str]] = {
     "width": (width, "25 minutes"),
     "maps": (maps, "5 minutes"),
     "environments": (environments, "4 minutes"),
+    "mitigations": (mitigations, "15 minutes"),
     "curriculum": (curriculum, "3 minutes"),
     "startup": (startup, "10 seconds"),
     "memory": (memory, "20 seconds"),

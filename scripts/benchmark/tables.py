@@ -133,6 +133,17 @@ def width(rows: Rows) -> str:
     return table(["timesteps/s, one seed, one core", *(f"{wide} wide" for wide in widths)], lines)
 
 
+def mitigations(rows: Rows) -> str:
+    """What each costs: the plain algorithm's rate over its own, repetition by repetition."""
+    algos = list(dict.fromkeys(row["algo"] for row in rows))
+    cells: dict[str, dict[str, str]] = {}
+    for (name, algo), runs in group(rows, "mitigation", "algo").items():
+        costs = [100 * (row["base"] / row["rate"] - 1) for row in runs]
+        cells.setdefault(name, {})[algo] = spread(costs, ".0f")
+    lines = [[f"`{name}`", *(cost.get(algo, "–") for algo in algos)] for name, cost in cells.items()]
+    return table(["more time for a timestep, %", *map(str.upper, algos)], lines)
+
+
 def processes(name: Callable[[dict[str, Any]], str]) -> Callable[[Rows], str]:
     """Wall time and peak memory of whole processes."""
 
@@ -198,6 +209,7 @@ TABLES: dict[str, Callable[[Rows], str]] = {
     "width": width,
     "maps": along("side", lambda side: f"{side}×{side}"),
     "environments": along("environments", lambda count: f"{count} environment{'s' * (count > 1)}"),
+    "mitigations": mitigations,
     "curriculum": processes(lambda _: "PPO-L2 through the five levels"),
     "startup": processes(lambda row: f"`{row['what']}`"),
     "memory": memory,

@@ -7,8 +7,8 @@ use coverage_env::Level;
 use serde_json::{Map, Value};
 
 use super::algorithm::Algorithm;
-use super::engine::{Parts, Toward};
-use super::mitigation::{Listed, Mitigations, Regimen};
+use super::engine::Parts;
+use super::mitigation::{Brought, Listed, Mitigations, Regimen};
 use super::network::{Head, Network};
 use super::registry;
 use super::shared::Shared;
@@ -44,7 +44,7 @@ pub fn resolve(
     sets: &[String],
     timesteps: Option<u64>,
 ) -> Result<Config, ConfigError> {
-    Config::from_layers(Layers::read(algo, file, sets, timesteps)?)
+    Config::from_layers(Layers::read(algo, file, sets, timesteps)?, Some(&Mitigations::new(&[])))
 }
 
 impl Config {
@@ -65,7 +65,7 @@ impl Config {
     /// # Errors
     /// The first setting that cannot be taken.
     pub fn recorded(settings: &Map<String, Value>) -> Result<Self, ConfigError> {
-        Self::from_layers(Layers::recorded(settings))
+        Self::from_layers(Layers::recorded(settings), None)
     }
 
     /// The same with these settings, as `--set` takes them. Those of a mitigation that is listed no more go with it.
@@ -73,11 +73,12 @@ impl Config {
     /// # Errors
     /// The first setting that cannot be taken.
     pub fn with_sets(&self, sets: &[String]) -> Result<Self, ConfigError> {
-        Self::from_layers(Layers::recorded(&self.to_json()).with_sets(sets)?)
+        Self::from_layers(Layers::recorded(&self.to_json()).with_sets(sets)?, Some(&self.mitigations))
     }
 
-    /// Turns merged settings into a config; nothing may be left over.
-    fn from_layers(mut layers: Layers) -> Result<Self, ConfigError> {
+    /// Turns merged settings into a config; nothing may be left over. Mitigations that are not among those of `before` bring
+    /// their settings; without `before` none does.
+    fn from_layers(mut layers: Layers, before: Option<&Mitigations>) -> Result<Self, ConfigError> {
         // Up to version 0.1.0 the engines had other names.
         layers.rename("kernel", "engine", &[("autograd", "libtorch")]);
         let Some(algorithm) = layers.take_text("algorithm", known_algorithm)?.as_deref().and_then(registry::by_name)
@@ -91,8 +92,14 @@ impl Config {
             config.name = name;
         }
         layers.fill(&mut Listed(&mut config.mitigations))?;
+        if let Some(before) = before {
+            for (name, Brought { key, value, .. }) in config.mitigations.brought(before) {
+                layers.bring(key, value, format!("mitigation {name}"))?;
+            }
+        }
         layers.fill(&mut config)?;
-        let misfits = config.mitigations.check(&config.shared).err().map(|(key, problem)| layers.error(key, problem));
+        let misfits = config.mitigations.check(&config.shared).and_then(|()| config.check_brought()).err();
+        let misfits = misfits.map(|(key, problem)| layers.error(key, problem));
         let products = config.algorithm.check(&config.shared).err();
         let products = products.map(|misfit| {
             // Whichever of them the user set is the one to change.
@@ -101,6 +108,19 @@ impl Config {
         layers.forget_recorded(|key| Mitigations::with_key(key).is_some());
         layers.finish(|key| config.unknown_key(key))?;
         misfits.or(products).map_or(Ok(config), Err)
+    }
+
+    /// Refuses a listed mitigation whose settings are another method's.
+    fn check_brought(&self) -> Result<(), (&'static str, String)> {
+        let settings = self.to_json();
+        for (name, Brought { key, value, is_dose }) in self.mitigations.brought(&Mitigations::new(&[])) {
+            let is = settings.get(key).map(Value::to_string).unwrap_or_default();
+            if !is_dose && is.trim_matches('"') != value {
+                let problem = format!("the mitigation {name} is {key}={value}, and cannot be listed with {key}={is}");
+                return Err((key, problem));
+            }
+        }
+        Ok(())
     }
 
     fn unknown_key(&self, key: &str) -> String {
@@ -158,21 +178,20 @@ impl Config {
         Regimen::new(&self.mitigations, &self.shared.optimizer, network, copies, stage.index, agents)
     }
 
-    /// The copies of its parameters that an agent carries in a stage, by name: the algorithm's, and what a pull draws to.
+    /// The copies of its parameters that an agent carries in a stage, by name: the algorithm's, and the mitigations'.
     pub fn copies(&self) -> Vec<&'static str> {
-        let drawn_to = self.mitigations.pull().and_then(|pull| match pull.toward {
-            Toward::Zero(_) => None,
-            Toward::Copy(name) => Some(name),
-        });
-        self.algorithm.copies().iter().copied().chain(drawn_to).collect()
+        let of_mitigations = self.mitigations.iter().flat_map(|mitigation| mitigation.copies());
+        self.algorithm.copies().iter().chain(of_mitigations).copied().collect()
     }
 
     /// What an engine is made of, for these agents on maps of this level's size.
     pub fn parts(&self, level: &Level, agents: Vec<AgentState>) -> Parts {
+        let network = self.network(level);
         Parts {
-            network: self.network(level),
             optimizer: self.shared.optimizer.clone(),
             pull: self.mitigations.pull(),
+            penalties: self.mitigations.penalties(&network),
+            network,
             agents,
         }
     }

@@ -120,6 +120,11 @@ impl Network {
         &self.towers[0].mlp
     }
 
+    /// The hidden layers of all towers.
+    pub fn hidden_blocks(&self) -> impl Iterator<Item = &Block> {
+        self.towers.iter().flat_map(|tower| tower.mlp.blocks().split_last().map_or(&[][..], |(_, hidden)| hidden))
+    }
+
     /// Activation of the hidden layers.
     pub fn activation(&self) -> Activation {
         self.layout.activation
@@ -174,7 +179,7 @@ impl Network {
                         orthogonal(weight, layer.inputs, layer.width, gain, stream);
                     }
                     Init::Uniform => {
-                        let bound = 1.0 / (layer.inputs as f64).sqrt();
+                        let bound = uniform_bound(layer);
                         let draw = |p: &mut f32| *p = ((2.0 * unit_f64(stream) - 1.0) * bound) as f32;
                         parameters[layer.weight.start..layer.bias.end].iter_mut().for_each(draw);
                     }
@@ -183,6 +188,33 @@ impl Network {
         }
         parameters
     }
+}
+
+impl Tower {
+    /// Weights that go into one unit of a layer, `[inputs]`, distributed as a unit's of a new agent.
+    ///
+    /// A column of a random (semi-)orthogonal matrix is part of a random direction as long as the matrix's longer side.
+    pub fn new_unit(&self, layer: usize, stream: &mut Stream) -> Vec<f32> {
+        let block = &self.mlp.blocks()[layer];
+        match self.init {
+            Init::Orthogonal { head } => {
+                let gain = if layer + 2 == self.sizes.len() { head } else { std::f64::consts::SQRT_2 };
+                let direction: Vec<f64> =
+                    std::iter::repeat_with(|| stream.normal_pair().0).take(block.inputs.max(block.width)).collect();
+                let norm = direction.iter().map(|v| v * v).sum::<f64>().sqrt();
+                direction[..block.inputs].iter().map(|v| (gain * v / norm) as f32).collect()
+            }
+            Init::Uniform => {
+                let bound = uniform_bound(block);
+                std::iter::repeat_with(|| ((2.0 * unit_f64(stream) - 1.0) * bound) as f32).take(block.inputs).collect()
+            }
+        }
+    }
+}
+
+/// The largest weight of a layer that begins uniformly.
+fn uniform_bound(block: &Block) -> f64 {
+    1.0 / (block.inputs as f64).sqrt()
 }
 
 /// Fills `weight`, `[rows, columns]` row-major, with `gain` times a uniformly random (semi-)orthogonal matrix.

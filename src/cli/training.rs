@@ -37,6 +37,10 @@ pub struct TrainingArgs {
     /// One setting, which replaces the preset's and the file's; may be given many times.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// Methods against loss of plasticity, such as redo,layer-norm: the same as --set 'mitigations=[redo, layer-norm]';
+    /// docs/mitigations.md and `cpp-rl config keys` list them.
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
+    mitigation: Vec<String>,
     #[command(flatten)]
     launch: LaunchArgs,
 }
@@ -86,7 +90,15 @@ impl TrainingArgs {
     /// # Errors
     /// The first setting that cannot be taken.
     pub fn config(&self, timesteps: Option<u64>) -> Result<Config> {
-        Ok(config::resolve(self.algo.as_deref(), self.config.as_deref(), &self.set, timesteps)?)
+        let mut sets = self.set.clone();
+        if !self.mitigation.is_empty() {
+            if let Some(listed) = sets.iter().find(|set| set.split('=').next().map(str::trim) == Some("mitigations")) {
+                let problem = format!("--mitigation and --set {listed} both list mitigations: drop one of the two");
+                return Err(UserError::new(problem).into());
+            }
+            sets.push(format!("mitigations=[{}]", self.mitigation.join(", ")));
+        }
+        Ok(config::resolve(self.algo.as_deref(), self.config.as_deref(), &sets, timesteps)?)
     }
 
     /// The experiment that these arguments describe.

@@ -30,6 +30,7 @@ enum Origin {
     Timesteps,
     Algo,
     Manifest,
+    Brought(String),
 }
 
 impl fmt::Display for Origin {
@@ -42,6 +43,7 @@ impl fmt::Display for Origin {
             Self::Timesteps => write!(f, "--timesteps"),
             Self::Algo => write!(f, "--algo"),
             Self::Manifest => write!(f, "the manifest's settings"),
+            Self::Brought(by) => write!(f, "{by}"),
         }
     }
 }
@@ -128,6 +130,22 @@ impl Layers {
         Ok(Self::new(self.left))
     }
 
+    /// Adds a setting that another setting brings along: it replaces what a preset or a manifest says, and nothing else.
+    /// `by` names what brings it.
+    ///
+    /// # Errors
+    /// A value that is no YAML.
+    pub fn bring(&mut self, key: &str, value: &str, by: String) -> Result<(), ConfigError> {
+        let gives_way = |origin: &Origin| matches!(origin, Origin::Preset(_) | Origin::Manifest);
+        if self.origins.get(key).is_none_or(gives_way) {
+            let (key, (value, _)) = parse_set(&format!("{key}={value}"))?;
+            let origin = Origin::Brought(by);
+            self.origins.insert(key.clone(), origin.clone());
+            self.left.insert(key, (value, origin));
+        }
+        Ok(())
+    }
+
     /// Drops settings that a manifest recorded and nobody has taken.
     pub fn forget_recorded(&mut self, is_forgotten: impl Fn(&str) -> bool) {
         self.left.retain(|key, (_, origin)| !(matches!(origin, Origin::Manifest) && is_forgotten(key)));
@@ -148,7 +166,8 @@ impl Layers {
 
     /// The first of these keys that was set outside of a preset: the one to change where several do not fit together.
     pub fn set_by_user<'a>(&self, keys: &[&'a str]) -> Option<&'a str> {
-        let by_user = |key: &&&str| self.origins.get(**key).is_some_and(|origin| !matches!(origin, Origin::Preset(_)));
+        let of_user = |origin: &Origin| !matches!(origin, Origin::Preset(_) | Origin::Brought(_));
+        let by_user = |key: &&&str| self.origins.get(**key).is_some_and(of_user);
         keys.iter().find(by_user).copied()
     }
 

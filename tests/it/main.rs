@@ -46,9 +46,11 @@ mod studies;
 mod study;
 mod why;
 
-use cpp_rl::agent::engine::{Engine, FusedEngine, Parts};
+use cpp_rl::agent::engine::{Engine, EngineKind, FusedEngine, Parts};
 
 /// The repository.
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 /// The engines that recorded updates are followed with; the tests of torch-engine have libtorch's here.
 const ENGINES: [fn(Parts) -> Box<dyn Engine>; 1] = [|parts| Box::new(FusedEngine::new(parts))];
+/// The engine that agents are trained with where the tests of torch-engine have libtorch's.
+const KIND: fn() -> EngineKind = || EngineKind::Fused;

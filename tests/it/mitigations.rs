@@ -6,8 +6,8 @@ use bit_mlp::BitBatch;
 use coverage_env::Level;
 use cpp_rl::agent::config::{self, Config};
 use cpp_rl::agent::dqn::{DqnLoss, Transitions};
-use cpp_rl::agent::engine::{Engine, EngineKind};
-use cpp_rl::agent::mitigation::{Mitigations, Patient};
+use cpp_rl::agent::engine::{Engine, LayerUnits, Units};
+use cpp_rl::agent::mitigation::{Mitigations, Patient, Place};
 use cpp_rl::agent::snapshot::Snapshot;
 use cpp_rl::agent::state::{AdamState, AgentState};
 use cpp_rl::agent::{self, Stage};
@@ -97,53 +97,365 @@ fn l2_init_is_pytorchs() {
 fn redo_recycles_what_pytorch_finds_dormant() {
     let golden = golden();
     for case in golden["redo"].as_array().expect("cases") {
-        let sets = [
-            "mitigations=[redo]".to_owned(),
-            format!("redo_threshold={}", case["threshold"]),
-            "redo_interval=1".to_owned(),
-            "learning_rate=1e-30".to_owned(),
-        ];
-        let config = dqn(&golden, &sets);
-        let stage = Stage { index: 3, level: level(), timesteps: 1, horizon: 1 };
-        let mut agent = config.agent(&level(), 5);
-        agent.parameters = floats(&case["begin"]);
-        let inputs = batch(&case["inputs"]);
-        let samples = inputs.len();
-        let transitions = Transitions {
-            sensor: Default::default(),
-            next: inputs.clone(),
-            inputs,
-            actions: vec![1; samples],
-            rewards: vec![1.0; samples],
-            terminated: vec![true; samples],
-        };
-        for make in crate::ENGINES {
-            let mut engine = make(config.parts(&level(), vec![agent.clone()]));
-            let mut regimen = config.regimen(&stage, [&agent].into_iter());
-            let mut loss = DqnLoss::new(config.shared.gamma as f32, &transitions);
-            engine.descend(&mut [&mut loss]);
-            let before = saved(&*engine, &agent);
-            regimen.after_step(&mut *engine);
-            let after = saved(&*engine, &agent);
+        let threshold = format!("redo_threshold={}", case["threshold"]);
+        recycles(&golden, case, 3, &["mitigations=[redo]", "redo_interval=1", &threshold]);
+    }
+    for case in golden["redo_saturation"].as_array().expect("cases") {
+        let (level, share) = (&case["level"], &case["share"]);
+        let own = [format!("redo_saturation_level={level}"), format!("redo_saturation_share={share}")];
+        let sets = ["mitigations=[redo-saturation]", "activation=tanh", "redo_saturation_interval=1", &own[0], &own[1]];
+        recycles(&golden, case, 9, &sets);
+    }
+}
 
-            let network = config.network(&level());
-            let purpose = Purpose::Mitigation { number: 3, step: 1 };
-            let new = network.init(&mut Stream::new(5, 3, purpose));
-            let fates = case["fate"].as_array().expect("fates");
-            assert!(["keep", "new", "zero"].iter().all(|fate| fates.iter().any(|f| f == fate)));
-            for (at, fate) in fates.iter().enumerate() {
-                let (parameter, moments) = match fate.as_str() {
-                    Some("keep") => (before.parameters[at], (before.adam.exp_avg[at], before.adam.exp_avg_sq[at])),
-                    Some("new") => (new[at], (0.0, 0.0)),
-                    _ => (0.0, (0.0, 0.0)),
-                };
-                assert_eq!(after.parameters[at], parameter, "parameter {at}: {fate}");
-                assert_eq!((after.adam.exp_avg[at], after.adam.exp_avg_sq[at]), moments, "moments {at}: {fate}");
-            }
-            assert_eq!(after.kept.copies, before.kept.copies, "the target network is left alone");
-            assert_eq!(after.adam.step, before.adam.step);
+/// One gradient step that is too small to change anything, and what the mitigation of this number does after it.
+fn recycles(golden: &Value, case: &Value, number: u16, sets: &[&str]) {
+    let sets: Vec<String> = sets.iter().chain(&["learning_rate=1e-30"]).map(|&set| set.to_owned()).collect();
+    let config = dqn(golden, &sets);
+    let mut agent = config.agent(&level(), 5);
+    agent.parameters = floats(&case["begin"]);
+    let inputs = batch(&case["inputs"]);
+    let samples = inputs.len();
+    let transitions = Transitions {
+        sensor: Default::default(),
+        next: inputs.clone(),
+        inputs,
+        actions: vec![1; samples],
+        rewards: vec![1.0; samples],
+        terminated: vec![true; samples],
+    };
+    for make in crate::ENGINES {
+        let mut engine = make(config.parts(&level(), vec![agent.clone()]));
+        let mut regimen = config.regimen(&stage(), [&agent].into_iter());
+        let mut loss = DqnLoss::new(config.shared.gamma as f32, &transitions);
+        engine.descend(&mut [&mut loss]);
+        let before = saved(&*engine, &agent);
+        regimen.after_step(&mut *engine);
+        let after = saved(&*engine, &agent);
+
+        let fates = Fates::of(&case["fate"]);
+        assert!(["keep", "new", "zero"].iter().all(|fate| fates.0.iter().any(|f| f == fate)));
+        fates.check(&config, (number, 1), &before, &after, &[]);
+        assert_eq!(after.kept.copies, before.kept.copies, "the target network is left alone");
+        assert_eq!(after.adam.step, before.adam.step);
+    }
+}
+
+/// The stage of the tests with recorded numbers.
+fn stage() -> Stage {
+    Stage { index: 3, level: level(), timesteps: 1, horizon: 1 }
+}
+
+/// What becomes of each parameter: `keep`, `new`, `zero` or `value`.
+struct Fates(Vec<String>);
+
+impl Fates {
+    fn of(list: &Value) -> Self {
+        let fate = |fate: &Value| fate.as_str().expect("a fate").to_owned();
+        Self(list.as_array().expect("fates").iter().map(fate).collect())
+    }
+
+    /// Compares two states of an agent of seed 5; the mitigation's stream has this number and step.
+    fn check(
+        &self,
+        config: &Config,
+        (number, step): (u16, u32),
+        before: &AgentState,
+        after: &AgentState,
+        values: &[f32],
+    ) {
+        let stream = Stream::new(5, 3, Purpose::Mitigation { number, step });
+        let new = new_weights(config, stream, &|at| self.0[at] == "new");
+        for (at, fate) in self.0.iter().enumerate() {
+            let kept = (before.adam.exp_avg[at], before.adam.exp_avg_sq[at]);
+            let (parameter, moments) = match fate.as_str() {
+                "keep" => (before.parameters[at], kept),
+                "value" => (values[at], kept),
+                "new" => (new[at], (0.0, 0.0)),
+                _ => (0.0, (0.0, 0.0)),
+            };
+            let is = after.parameters[at];
+            let tolerance = if fate == "value" { 1e-5 } else { 0.0 };
+            assert!((is - parameter).abs() <= tolerance, "parameter {at}: {fate}, {is} for {parameter}");
+            assert_eq!((after.adam.exp_avg[at], after.adam.exp_avg_sq[at]), moments, "moments {at}: {fate}");
         }
     }
+}
+
+/// The weights that a mitigation gives to the units whose incoming weights are new, `[P]`; 0 elsewhere.
+fn new_weights(config: &Config, mut stream: Stream, is_new: &dyn Fn(usize) -> bool) -> Vec<f32> {
+    let network = config.network(&level());
+    let mut new = vec![0.0; network.num_parameters()];
+    for tower in network.towers() {
+        for (layer, block) in tower.mlp.blocks().iter().enumerate() {
+            for unit in (0..block.width).filter(|unit| is_new(block.weight.start + unit)) {
+                for (input, weight) in tower.new_unit(layer, &mut stream).into_iter().enumerate() {
+                    new[block.weight.start + input * block.width + unit] = weight;
+                }
+            }
+        }
+    }
+    new
+}
+
+/// Ten updates on one minibatch, with what PyTorch recorded of them. `agent` is where they begin but for its parameters.
+fn ten_updates(golden: &Value, case: &Value, config: &Config, keep: &dyn Fn(&mut AgentState)) -> Vec<AgentState> {
+    let start = &golden["start"];
+    let mut agent = config.agent(&level(), 0);
+    agent.parameters = floats(&start["begin"]);
+    agent.kept.copies.insert("target".to_owned(), floats(&start["target"]));
+    keep(&mut agent);
+    let transitions = transitions(start);
+    let mut ends = Vec::new();
+    for make in crate::ENGINES {
+        let mut engine = make(config.parts(&level(), vec![agent.clone()]));
+        let mut regimen = config.regimen(&stage(), [&agent].into_iter());
+        for (update, norm) in floats(&case["norms"]).into_iter().enumerate() {
+            let mut loss = DqnLoss::new(config.shared.gamma as f32, &transitions);
+            let is = engine.descend(&mut [&mut loss]);
+            assert_close(&format!("norm of update {}", update + 1), &is, &[norm], 1e-5);
+            regimen.after_step(&mut *engine);
+            if let Some(after) = case["after"].get((update + 1).to_string()) {
+                let is = saved(&*engine, &agent);
+                assert_close(&format!("parameters after {}", update + 1), &is.parameters, &floats(after), 1e-5);
+                ends.push(is);
+            }
+        }
+        let end = saved(&*engine, &agent);
+        assert_close("exp_avg", &end.adam.exp_avg, &floats(&case["exp_avg"]), 1e-5);
+    }
+    ends
+}
+
+#[test]
+fn penalties_and_clipping_are_pytorchs() {
+    let golden = golden();
+    let cases = |name: &str| golden[name].as_array().expect("cases").clone();
+    let config = |sets: &[String]| dqn(&golden, sets);
+    let nothing = |_: &mut AgentState| {};
+    for case in cases("l2_init_unsquared") {
+        let coefficient = format!("l2_init_coef={}", case["coefficient"]);
+        let sets = ["mitigations=[l2-init]".to_owned(), "l2_init_squared=false".to_owned(), coefficient];
+        let keep = |agent: &mut AgentState| {
+            agent.kept.copies.insert("l2_init".to_owned(), floats(&case["first"]));
+        };
+        ten_updates(&golden, &case, &config(&sets), &keep);
+    }
+    for case in cases("parseval") {
+        let (coefficient, scale, every) = (&case["coefficient"], &case["scale"], &case["every"]);
+        let sets = [
+            "mitigations=[parseval]".to_owned(),
+            format!("parseval_coef={coefficient}"),
+            format!("parseval_scale={scale}"),
+            format!("parseval_interval={every}"),
+        ];
+        ten_updates(&golden, &case, &config(&sets), &nothing);
+    }
+    for case in cases("spectral") {
+        let (coefficient, power) = (&case["coefficient"], &case["exponent"]);
+        let sets = [
+            "mitigations=[spectral]".to_owned(),
+            format!("spectral_coef={coefficient}"),
+            format!("spectral_power={power}"),
+        ];
+        let joined = |lists: &Value| lists.as_array().expect("lists").iter().flat_map(floats).collect::<Vec<f32>>();
+        let keep = |agent: &mut AgentState| {
+            agent.kept.lists.insert("spectral".to_owned(), joined(&case["u"]));
+        };
+        let ends = ten_updates(&golden, &case, &config(&sets), &keep);
+        for (end, update) in ends.iter().zip(["1", "10"].into_iter().cycle()) {
+            assert_close("u", &end.kept.lists["spectral"], &joined(&case["u_after"][update]), 1e-5);
+        }
+    }
+    for case in cases("equal_betas") {
+        let sets = [
+            "mitigations=[equal-betas]".to_owned(),
+            format!("adam_beta1={}", case["beta"]),
+            format!("adam_beta2={}", case["beta"]),
+        ];
+        ten_updates(&golden, &case, &config(&sets), &nothing);
+    }
+    for case in cases("weight_clipping") {
+        let sets = ["mitigations=[weight-clipping]".to_owned(), format!("weight_clipping_kappa={}", case["factor"])];
+        ten_updates(&golden, &case, &config(&sets), &nothing);
+    }
+}
+
+#[test]
+fn continual_backprop_is_numpys() {
+    let golden = golden();
+    for case in golden["continual_backprop"].as_array().expect("cases") {
+        let config = dqn(
+            &golden,
+            &[
+                "mitigations=[continual-backprop]".to_owned(),
+                format!("continual_backprop_rate={}", case["rate"]),
+                format!("continual_backprop_maturity={}", case["maturity"]),
+                format!("continual_backprop_decay={}", case["decay"]),
+            ],
+        );
+        let mut agent = config.agent(&level(), 5);
+        agent.parameters = floats(&golden["start"]["begin"]);
+        agent.kept.copies.insert("target".to_owned(), floats(&golden["start"]["target"]));
+        for make in crate::ENGINES {
+            let mut engine = make(config.parts(&level(), vec![agent.clone()]));
+            let mut regimen = config.regimen(&stage(), [&agent].into_iter());
+            let mut before = agent.clone();
+            for (update, state) in case["states"].as_array().expect("states").iter().enumerate() {
+                let transitions = transitions(&golden["minibatches"][update]);
+                let mut loss = DqnLoss::new(config.shared.gamma as f32, &transitions);
+                let norm = engine.descend(&mut [&mut loss]);
+                assert_close("norm", &norm, &[floats(&case["norms"])[update]], 1e-5);
+                before = saved(&*engine, &agent);
+                regimen.after_step(&mut *engine);
+                let lists = saved(&*engine, &agent).kept.lists;
+                for (own, recorded) in
+                    [("utility", "utility"), ("mean", "activation"), ("age", "age"), ("due", "accumulated")]
+                {
+                    let layers = state[recorded].as_array().expect("layers");
+                    let recorded: Vec<f32> =
+                        if own == "due" { floats(&state[recorded]) } else { layers.iter().flat_map(floats).collect() };
+                    let is = &lists[&format!("continual-backprop/{own}")];
+                    assert_close(&format!("{own} after {}", update + 1), is, &recorded, 1e-5);
+                }
+            }
+            assert_close("parameters", &before.parameters, &floats(&case["parameters"]), 1e-5);
+            let after = saved(&*engine, &agent);
+            let values = case["values_with_transfer"].as_array().expect("values").iter();
+            let values: Vec<f32> = values.map(|value| value.as_f64().unwrap_or(f64::NAN) as f32).collect();
+            let fates = Fates::of(&case["fate_with_transfer"]);
+            assert!(["keep", "new", "zero", "value"].iter().all(|fate| fates.0.iter().any(|f| f == fate)));
+            fates.check(&config, (10, 10), &before, &after, &values);
+        }
+    }
+}
+
+/// Lets every listed mitigation act once on an agent.
+fn act(config: &Config, agent: &mut AgentState, step: u64, units: &Units) {
+    let network = config.network(&level());
+    let mut patient = Patient { network: &network, agent, copies: &["target"], stage: 3, step };
+    for mitigation in config.mitigations.iter() {
+        mitigation.at_switch(&mut patient);
+        mitigation.after_step(&mut patient, units);
+    }
+}
+
+#[test]
+fn units_are_reset_when_they_are_silent_for_longer_than_they_use_to_be() {
+    let golden = golden();
+    for case in golden["self_normalised_resets"].as_array().expect("cases") {
+        // The record counts samples, and we count gradient steps.
+        let samples = case["samples"].as_f64().expect("a number");
+        let steps = |key: &str| case[key].as_f64().expect("a number") / samples;
+        let config = dqn(
+            &golden,
+            &[
+                "mitigations=[self-normalised-resets]".to_owned(),
+                format!("self_normalised_resets_percentile={}", case["percentile"]),
+                format!("self_normalised_resets_interval={}", case["interval"]),
+                format!("self_normalised_resets_threshold={}", steps("first_threshold")),
+                format!("self_normalised_resets_longest={}", steps("largest")),
+            ],
+        );
+        let (longest, mut agent) = (steps("largest") as usize, config.agent(&level(), 5));
+        let mut resets = 0;
+        for (step, state) in case["states"].as_array().expect("states").iter().enumerate() {
+            let rows = case["activations"][step].as_array().expect("samples").iter();
+            let layer = LayerUnits { units: 5, values: 5, activations: rows.flat_map(floats).collect() };
+            let before = agent.clone();
+            act(&config, &mut agent, step as u64 + 1, &Units { towers: vec![vec![layer]] });
+            let list = |name: &str| agent.kept.lists[&format!("self-normalised-resets/{name}")].clone();
+            let in_samples = |list: Vec<f32>| list.into_iter().map(|v| v * samples as f32).collect::<Vec<f32>>();
+            assert_eq!(in_samples(list("age")), floats(&state["age"]), "age after {}", step + 1);
+            assert_eq!(in_samples(list("threshold")), floats(&state["threshold"]), "threshold after {}", step + 1);
+            let mut noted = vec![0.0; 5 * longest];
+            for (unit, counts) in state["noted"].as_array().expect("units").iter().enumerate() {
+                for count in counts.as_array().expect("counts") {
+                    let [age, count] = floats(count)[..] else { panic!("an age and a count") };
+                    // Silences of 0 take part in nothing.
+                    if age > 0.0 {
+                        noted[unit * longest + (age / samples as f32) as usize - 1] = count;
+                    }
+                }
+            }
+            assert_eq!(list("gaps"), noted, "silences after {}", step + 1);
+            let reset: Vec<usize> = floats(&state["reset"]).into_iter().map(|unit| unit as usize).collect();
+            resets += reset.len();
+            let first = &config.network(&level()).acting().blocks()[0].clone();
+            let is_changed = |unit: usize| {
+                let of = |agent: &AgentState| agent.parameters[first.weight.start + unit];
+                of(&agent) != of(&before)
+            };
+            assert_eq!((0..5).filter(|&unit| is_changed(unit)).collect::<Vec<_>>(), reset, "after {}", step + 1);
+        }
+        assert!(resets > 1);
+    }
+}
+
+#[test]
+fn weights_are_projected_and_made_orthogonal_as_numpy_does() {
+    let golden = golden();
+    // The other case projects the last layer, too.
+    for case in golden["normalise_and_project"].as_array().expect("cases").iter().take(1) {
+        assert_eq!(case["covers_output"], false);
+        let config = dqn(&golden, &["mitigations=[normalise-project]".to_owned()]);
+        let mut agent = config.agent(&level(), 5);
+        agent.parameters = floats(&case["begin"]);
+        agent.kept.lists.insert("normalise-project".to_owned(), floats(&case["first_norms"])[..2].to_vec());
+        act(&config, &mut agent, 1000, &Units::default());
+        assert_close("projected", &agent.parameters, &floats(&case["after"]), 1e-6);
+    }
+    for (i, case) in golden["fire"].as_array().expect("cases").iter().enumerate() {
+        let fire = |iterations: u32| {
+            let sets = ["mitigations=[fire]".to_owned(), format!("fire_iterations={iterations}")];
+            let config = dqn(&golden, &sets);
+            let mut agent = config.agent(&level(), 5);
+            agent.parameters = floats(&case["begin"]);
+            act(&config, &mut agent, 1, &Units::default());
+            assert_eq!(agent.kept.copies["target"], agent.parameters);
+            agent.parameters
+        };
+        assert_eq!(case["iterations"], 10);
+        assert_close("ten iterations", &fire(10), &floats(&case["after"]), 1e-5);
+        assert_close("the limit", &fire(40), &floats(&case["polar"]), 1e-5);
+        let is_at_limit = floats(&case["after"]).iter().zip(floats(&case["polar"])).all(|(a, b)| (a - b).abs() < 1e-4);
+        assert_eq!(is_at_limit, i == 0, "the second case needs more");
+    }
+}
+
+#[test]
+fn soft_shrink_and_perturb_by_hand() {
+    let golden = golden();
+    let agent_after = |interval: u64| {
+        let config = dqn(
+            &golden,
+            &[
+                "mitigations=[soft-shrink-perturb]".to_owned(),
+                "soft_shrink_perturb_alpha=0.9".to_owned(),
+                "soft_shrink_perturb_beta=0.5".to_owned(),
+                format!("soft_shrink_perturb_interval={interval}"),
+            ],
+        );
+        let before = config.agent(&level(), 5);
+        let mut after = before.clone();
+        act(&config, &mut after, 1, &Units::default());
+        let stream = &mut Stream::new(5, 3, Purpose::Mitigation { number: 8, step: 1 });
+        (before.parameters, config.network(&level()).init(stream), after.parameters)
+    };
+    let (before, new, after) = agent_after(1);
+    assert!(
+        before.iter().zip(new).zip(after).all(|((before, new), after)| (0.9 * before + 0.5 * new - after).abs() < 1e-6)
+    );
+    // Three steps: 0.9³, and noise with the variance of 0.5² (1 + 0.9² + 0.9⁴).
+    let (before, new, after) = agent_after(3);
+    let (kept, added) = (0.729, 0.5 * (1.0_f32 + 0.81 + 0.6561).sqrt());
+    assert!(
+        before
+            .iter()
+            .zip(new)
+            .zip(after)
+            .all(|((before, new), after)| (kept * before + added * new - after).abs() < 1e-6)
+    );
 }
 
 #[test]
@@ -248,13 +560,13 @@ fn a_unit_that_leaves_two_values_is_silenced_in_both() {
         let network = config.network(&level());
         let mut agent = config.agent(&level(), 0);
         agent.parameters.fill(7.0);
-        let new = vec![2.0; agent.parameters.len()];
         let mut patient = Patient { network: &network, agent: &mut agent, copies: &[], stage: 0, step: 0 };
-        patient.renew_incoming(0, 0, 1, &new);
-        patient.silence_outgoing(0, 0, 1);
+        let unit = Place { tower: 0, layer: 0, unit: 1 };
+        patient.renew_incoming(unit, &mut Stream::new(0, 0, Purpose::Weights));
+        patient.silence_outgoing(unit);
         let [first, last] = network.acting().blocks() else { panic!("two layers") };
         let column: Vec<f32> = agent.parameters[first.weight.clone()].iter().skip(1).step_by(3).copied().collect();
-        assert!(column.iter().all(|&weight| weight == 2.0) && column.len() == 24);
+        assert_eq!(column, network.towers()[0].new_unit(0, &mut Stream::new(0, 0, Purpose::Weights)));
         assert_eq!(agent.parameters[first.bias.clone()], [7.0, 0.0, 7.0]);
         let norm = first.norm.as_ref().expect("a norm");
         assert_eq!(agent.parameters[norm.scale.clone()], [7.0, 1.0, 7.0]);
@@ -265,40 +577,158 @@ fn a_unit_that_leaves_two_values_is_silenced_in_both() {
     }
 }
 
+/// Every mitigation, with settings with which it acts within a few steps. For DQN, `activation` is ReLU where it is not said.
+const ACTING: [(&str, &[&str]); 25] = [
+    ("l2-init", &[]),
+    ("l2-init", &["l2_init_squared=false", "l2_init_coef=0.1"]),
+    ("shrink-perturb", &[]),
+    ("reset", &[]),
+    ("head-rescale", &[]),
+    ("adam-reset", &[]),
+    ("adam-rel", &[]),
+    ("fire", &[]),
+    ("parseval", &["parseval_coef=0.1", "parseval_interval=5"]),
+    ("spectral", &["spectral_coef=0.1"]),
+    ("redo", &["redo_interval=7", "redo_threshold=0.8"]),
+    ("redo-saturation", &["redo_saturation_level=0.2", "redo_saturation_share=0.5", "redo_saturation_interval=7"]),
+    ("continual-backprop", &["continual_backprop_rate=0.05", "continual_backprop_maturity=10"]),
+    ("self-normalised-resets", &["self_normalised_resets_threshold=2", "self_normalised_resets_interval=20"]),
+    ("soft-shrink-perturb", &["soft_shrink_perturb_alpha=0.9", "soft_shrink_perturb_interval=7"]),
+    ("weight-clipping", &["weight_clipping_kappa=0.5"]),
+    ("normalise-project", &["normalise_project_interval=7"]),
+    ("entropy-bonus", &[]),
+    ("equal-betas", &[]),
+    ("l2-adam", &[]),
+    ("adamw", &[]),
+    ("layer-norm", &[]),
+    ("crelu", &[]),
+    ("crelu", &["layer_norm=true"]),
+    ("fourier", &[]),
+];
+
 /// Every mitigation with both algorithms: what is saved in the midst of a later stage goes on with the same bits, and
-/// without mitigations nothing is different.
+/// without mitigations nothing is different. Where an algorithm cannot have one, the reason names it.
 #[test]
 fn a_mitigated_agent_goes_on_with_the_same_bits() {
     let small = ["hidden=[6]", "max_steps=10", "learning_rate=1e-2"];
     let ppo = ["n_steps=32", "batch_size=8", "n_epochs=2"];
     let dqn = ["batch_size=4", "buffer_size=200", "learning_starts=10", "target_update_interval=50"];
-    for mitigation in ["l2-init", "shrink-perturb", "reset", "head-rescale", "adam-reset", "adam-rel", "redo"] {
+    let mut trained = Vec::new();
+    for (mitigation, acting) in ACTING {
         for (algo, own) in [("ppo", &ppo[..]), ("dqn", &dqn[..])] {
             let mut sets: Vec<String> = small.iter().chain(own).map(|&set| set.to_owned()).collect();
             let plain = config::resolve(Some(algo), None, &sets, None).expect("valid settings");
             sets.push(format!("mitigations=[{mitigation}]"));
-            if mitigation == "redo" {
-                sets.extend(["redo_interval=7".to_owned(), "redo_threshold=0.8".to_owned()]);
-            }
-            let config = config::resolve(Some(algo), None, &sets, None).expect("valid settings");
+            sets.extend(acting.iter().map(|&set| set.to_owned()));
+            let config = match config::resolve(Some(algo), None, &sets, None) {
+                Ok(config) => config,
+                Err(error) => {
+                    assert!(error.to_string().contains(mitigation), "{error}");
+                    continue;
+                }
+            };
             let whole = train(&config, None);
             assert_eq!(train(&config, Some(1)), whole, "{algo}, {mitigation}");
             assert_ne!(train(&plain, None).agent.parameters, whole.agent.parameters, "{algo}, {mitigation} acts");
+            trained.push((mitigation, algo));
         }
     }
+    let refused = [("redo-saturation", "dqn"), ("self-normalised-resets", "ppo"), ("entropy-bonus", "dqn")];
+    for name in Mitigations::known() {
+        for algo in ["ppo", "dqn"] {
+            let is_trained = trained.contains(&(name, algo));
+            assert_ne!(is_trained, refused.contains(&(name, algo)), "{name} with {algo}");
+        }
+    }
+}
+
+/// A dose of nothing: none of them takes random numbers from what a plain arm draws, or changes an agent on its way.
+#[test]
+fn a_mitigation_that_does_nothing_changes_nothing() {
+    let nothing: [(&str, &str, &[&str]); 8] = [
+        ("ppo", "redo", &["redo_interval=1", "redo_threshold=0"]),
+        ("dqn", "continual-backprop", &["continual_backprop_rate=0"]),
+        ("ppo", "continual-backprop", &["continual_backprop_rate=0"]),
+        ("ppo", "redo-saturation", &["redo_saturation_level=1", "redo_saturation_interval=1"]),
+        (
+            "dqn",
+            "self-normalised-resets",
+            &[
+                "self_normalised_resets_threshold=10000",
+                "self_normalised_resets_longest=10000",
+                "self_normalised_resets_interval=1000000",
+            ],
+        ),
+        ("ppo", "weight-clipping", &["weight_clipping_kappa=1e9"]),
+        ("ppo", "shrink-perturb", &["shrink_perturb_alpha=1", "shrink_perturb_beta=0"]),
+        (
+            "dqn",
+            "soft-shrink-perturb",
+            &["soft_shrink_perturb_alpha=1", "soft_shrink_perturb_beta=0", "soft_shrink_perturb_interval=1"],
+        ),
+    ];
+    for (algo, name, acting) in nothing {
+        let mut sets = vec!["hidden=[6]".to_owned(), "max_steps=10".to_owned()];
+        sets.extend(
+            if algo == "ppo" { ["n_steps=32", "batch_size=8"] } else { ["batch_size=4", "learning_starts=10"] }
+                .map(str::to_owned),
+        );
+        let plain = config::resolve(Some(algo), None, &sets, None).expect("valid settings");
+        sets.push(format!("mitigations=[{name}]"));
+        sets.extend(acting.iter().map(|&set| set.to_owned()));
+        let config = config::resolve(Some(algo), None, &sets, None).expect("valid settings");
+        let (mut plain, mut with) = (train(&plain, None), train(&config, None));
+        plain.agent.kept.lists.clear();
+        with.agent.kept.lists.clear();
+        with.agent.kept.numbers.clear();
+        assert_eq!(plain, with, "{algo}, {name}");
+    }
+}
+
+#[test]
+fn a_mitigation_of_settings_brings_them() {
+    let resolve = |algo, sets: &[&str]| {
+        let sets: Vec<String> = sets.iter().map(|&set| set.to_owned()).collect();
+        config::resolve(Some(algo), None, &sets, None)
+    };
+    let config = resolve("ppo", &["mitigations=[layer-norm, entropy-bonus]"]).expect("valid settings");
+    let settings = config.to_json();
+    assert_eq!((&settings["layer_norm"], &settings["ent_coef"]), (&Value::from(true), &Value::from(0.1)));
+    // A dose of one's own, on the command line, and when what was recorded is read again.
+    let config = resolve("ppo", &["mitigations=[entropy-bonus]", "ent_coef=0.3"]).expect("valid settings");
+    assert_eq!(config.to_json()["ent_coef"], 0.3);
+    assert_eq!(Config::recorded(&config.to_json()).expect("its own"), config);
+    let more = config.with_sets(&["mitigations=[entropy-bonus, crelu]".to_owned()]).expect("valid settings");
+    let more = more.to_json();
+    assert_eq!((&more["ent_coef"], &more["activation"]), (&Value::from(0.3), &Value::from("crelu")));
+    let plain = resolve("ppo", &[]).expect("valid settings");
+    let with = plain.with_sets(&["mitigations=[entropy-bonus]".to_owned()]).expect("valid settings");
+    assert_eq!(with.to_json()["ent_coef"], 0.1);
+
+    let refused = |algo, sets: &[&str]| resolve(algo, sets).expect_err("a refusal").to_string();
+    let error = refused("dqn", &["mitigations=[entropy-bonus]"]);
+    assert!(error.contains("mitigation entropy-bonus") && error.contains("it is one of ppo"), "{error}");
+    let error = refused("ppo", &["mitigations=[crelu]", "activation=tanh"]);
+    assert!(error.contains("crelu is activation=crelu, and cannot be listed with activation=\"tanh\""), "{error}");
+    let error = refused("ppo", &["mitigations=[adamw]", "l2=adam"]);
+    assert!(error.contains("adamw is l2=adamw"), "{error}");
+    let error = refused("dqn", &["mitigations=[redo-saturation]"]);
+    assert!(error.contains("use redo there"), "{error}");
+    let error = refused("ppo", &["mitigations=[self-normalised-resets]"]);
+    assert!(error.contains("activation=relu"), "{error}");
 }
 
 /// Two stages of one seed; the second one is stopped and resumed after so many rows, if any.
 fn train(config: &Config, stop: Option<usize>) -> Snapshot {
     let stage = |index| Stage { index, level: level(), timesteps: 5000, horizon: 5000 };
-    let mut learner = agent::learner(config, &stage(0), vec![config.agent(&level(), 1)], EngineKind::Fused);
+    let mut learner = agent::learner(config, &stage(0), vec![config.agent(&level(), 1)], crate::KIND());
     learner.advance();
     let agents = learner.agents().into_iter().cloned().collect();
-    let mut learner = agent::learner(config, &stage(1), agents, EngineKind::Fused);
+    let mut learner = agent::learner(config, &stage(1), agents, crate::KIND());
     for row in 0..2 {
         if stop == Some(row) {
             let snapshot = learner.snapshot(0);
-            learner = agent::resume(config, &stage(1), vec![snapshot], EngineKind::Fused).expect("its own snapshot");
+            learner = agent::resume(config, &stage(1), vec![snapshot], crate::KIND()).expect("its own snapshot");
         }
         learner.advance();
     }
@@ -321,7 +751,7 @@ fn settings_of_mitigations_are_explained() {
     let error = refused("mitigations=[redoo]");
     assert!(
         error.contains(
-            "a list of different names out of l2-init, shrink-perturb, reset, head-rescale, adam-reset, adam-rel, redo"
+            "a list of different names out of l2-init, shrink-perturb, reset, head-rescale, adam-reset, adam-rel, fire"
         ),
         "{error}"
     );

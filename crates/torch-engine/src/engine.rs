@@ -4,10 +4,12 @@
 //! never mix: every row depends on its own seed's loss alone.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use bit_mlp::{Batch, BitBatch, Block};
 use cpp_rl::agent::engine::{
-    Device, Engine, Entry, GradientNorms, LayerUnits, Loss, Parts, Pass, Pull, Statement, Toward, Units, Weights,
+    Device, Engine, Entry, GradientNorms, LayerUnits, Loss, Parts, Pass, Penalty, Pull, Statement, Toward, Units,
+    Weights,
 };
 use cpp_rl::agent::network::{Network, Tower};
 use cpp_rl::agent::optimizer::OptimizerConfig;
@@ -27,6 +29,7 @@ pub struct TorchEngine {
     device: tch::Device,
     optimizer: OptimizerConfig,
     pull: Option<Pull>,
+    penalties: Vec<Arc<dyn Penalty>>,
     /// 1 where the pull acts, `[P]`.
     covered: Tensor,
     /// θ, `[S, P]`, a leaf that records gradients.
@@ -39,7 +42,7 @@ pub struct TorchEngine {
     copies: BTreeMap<String, Tensor>,
     /// What else the agents keep; their parameters, moments and copies are those of the last edit.
     agents: Vec<AgentState>,
-    /// Norms of the last gradient, the pull left out, `[S]`.
+    /// Norms of the last gradient, a pull to 0 left out, `[S]`.
     loss_norms: Vec<f32>,
     /// By tower: the activations of its hidden layers in the last step, `[S, B, K]`.
     hidden: Vec<Vec<Tensor>>,
@@ -48,7 +51,7 @@ pub struct TorchEngine {
 impl TorchEngine {
     /// Puts agents side by side.
     pub fn new(parts: Parts, device: Device) -> Self {
-        let Parts { network, optimizer, pull, agents } = parts;
+        let Parts { network, optimizer, pull, penalties, agents } = parts;
         let device = crate::torch_device(device);
         let rows = |of: &dyn Fn(&AgentState) -> &[f32]| stack(agents.iter().map(of), device);
         let mut covered = vec![0.0f32; network.num_parameters()];
@@ -60,6 +63,7 @@ impl TorchEngine {
         Self {
             device,
             pull,
+            penalties,
             covered: Tensor::from_slice(&covered).to_device(device),
             parameters: rows(&|agent| &agent.parameters).set_requires_grad(true),
             exp_avg: rows(&|agent| &agent.adam.exp_avg),
@@ -99,19 +103,19 @@ impl TorchEngine {
     fn step(&mut self, loss: &Tensor) -> Vec<f32> {
         let gradients = Tensor::run_backward(&[loss.sum(Kind::Float)], &[&self.parameters], false, false);
         let _guard = tch::no_grad_guard();
-        let o = &self.optimizer;
         let mut gradient = gradients[0].shallow_clone();
+        let pull = self.pull.clone();
+        let toward = |wanted: &dyn Fn(Toward) -> bool| pull.as_ref().filter(|pull| wanted(pull.toward));
+        if let Some(pull) = toward(&|toward| matches!(toward, Toward::Copy(_))) {
+            gradient += self.pull_gradient(pull);
+        }
+        self.penalise(&mut gradient);
         self.loss_norms = to_vec(&norms(&gradient));
-        let pulled = |entry| {
-            let enters = |toward| match toward {
-                Toward::Zero(own) => own == entry,
-                Toward::Copy(_) => entry == Entry::InLoss,
-            };
-            self.pull.as_ref().filter(|pull| enters(pull.toward))
-        };
+        let pulled = |entry| toward(&|toward| toward == Toward::Zero(entry));
         if let Some(pull) = pulled(Entry::InLoss) {
             gradient += self.pull_gradient(pull);
         }
+        let o = &self.optimizer;
         let norm = norms(&gradient);
         let scale: Tensor = o.max_grad_norm * (&norm + CLIP_EPS).reciprocal();
         gradient *= scale.clamp_max(1.0);
@@ -134,6 +138,29 @@ impl TorchEngine {
         let step = &self.exp_avg * (-o.learning_rate / correction(beta1));
         let _ = self.parameters.addcdiv_(&step, &denominator);
         to_vec(&norm)
+    }
+
+    /// Adds the gradients of penalties to `gradient`, `[S, P]`. They are computed on the CPU.
+    fn penalise(&mut self, gradient: &mut Tensor) {
+        if self.penalties.is_empty() {
+            return;
+        }
+        for seed in 0..self.agents.len() {
+            let mut row = gradient.i(seed as i64);
+            let (mut added, mut agent) = (to_vec(&row), self.agent(seed));
+            self.penalties.iter().for_each(|penalty| penalty.add_to(&mut added, &mut agent));
+            row.copy_(&Tensor::from_slice(&added));
+            self.keep(seed, agent);
+        }
+    }
+
+    /// Takes over what an agent keeps.
+    fn keep(&mut self, seed: usize, agent: AgentState) {
+        for (name, values) in &agent.kept.copies {
+            let copy = self.copies.entry(name.clone()).or_insert_with(|| self.parameters.detach().copy());
+            copy.i(seed as i64).copy_(&Tensor::from_slice(values));
+        }
+        self.agents[seed] = agent;
     }
 
     /// The agent of row `seed` as it is now.
@@ -215,8 +242,10 @@ impl Engine for TorchEngine {
 
     fn norms(&self, seed: usize) -> GradientNorms {
         let penalty = match &self.pull {
-            Some(pull) => to_vec(&self.pull_gradient(pull).i(seed as i64).norm())[0],
-            None => 0.0,
+            Some(pull) if matches!(pull.toward, Toward::Zero(_)) => {
+                to_vec(&self.pull_gradient(pull).i(seed as i64).norm())[0]
+            }
+            _ => 0.0,
         };
         GradientNorms { loss: self.loss_norms[seed], penalty }
     }
@@ -244,13 +273,9 @@ impl Engine for TorchEngine {
         write(&self.parameters, &agent.parameters);
         write(&self.exp_avg, &agent.adam.exp_avg);
         write(&self.exp_avg_sq, &agent.adam.exp_avg_sq);
-        for (name, values) in &agent.kept.copies {
-            let copy = self.copies.entry(name.clone()).or_insert_with(|| self.parameters.detach().copy());
-            write(copy, values);
-        }
         // Mitigations act on every seed after the same step, so that all have the same count again.
         self.step = agent.adam.step;
-        self.agents[seed] = agent;
+        self.keep(seed, agent);
     }
 
     fn save(&self, seed: usize, agent: &mut AgentState) {

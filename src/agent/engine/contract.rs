@@ -1,5 +1,8 @@
 //! What an engine does, and what it is made of.
 
+use std::fmt::Debug;
+use std::sync::Arc;
+
 use bit_mlp::BitBatch;
 
 pub use bit_mlp::GradientNorms;
@@ -19,7 +22,7 @@ pub trait Engine: Send {
     ///
     /// Returns the norms of the gradients before clipping, `[S]`.
     fn descend<'a>(&mut self, losses: &mut [&mut dyn Loss<'a>]) -> Vec<f32>;
-    /// Norms of a seed's last gradient, the loss's and the pull's.
+    /// Norms of a seed's last gradient: of all but a pull to 0, and of that.
     fn norms(&self, seed: usize) -> GradientNorms;
     /// The activations of a seed's hidden units in its last step.
     fn units(&self, seed: usize) -> Units;
@@ -40,6 +43,8 @@ pub struct Parts {
     pub optimizer: OptimizerConfig,
     /// What draws the parameters beside the loss.
     pub pull: Option<Pull>,
+    /// What else is added to the loss's gradient before it is clipped.
+    pub penalties: Vec<Arc<dyn Penalty>>,
     /// The agents as they come out of the stage before; equally many Adam steps old.
     pub agents: Vec<AgentState>,
 }
@@ -53,6 +58,13 @@ pub struct Pull {
     pub coefficient: f64,
     /// Whether biases and the parameters of norms are drawn, too.
     pub covers_all: bool,
+}
+
+/// A penalty on the parameters that is no [`Pull`], by its gradient.
+pub trait Penalty: Debug + Send + Sync {
+    /// Adds its gradient at the agent's parameters to `gradient`, `[P]`. Called once for each gradient step; what it must
+    /// remember from one to the next it keeps in the agent.
+    fn add_to(&self, gradient: &mut [f32], agent: &mut AgentState);
 }
 
 /// Where a pull draws to.

@@ -3,16 +3,20 @@
 //! The arithmetic is `bit-mlp`'s; tests hold it equal to libtorch's.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use bit_mlp::{AdamConfig, BitBatch, Decay, Decayed, GradientNorms, Mlp, Moments, Prepared, Workspace};
 use bit_mlp::{clip_and_adam, gradient_norms};
 
-use super::contract::{Engine, Entry, LayerUnits, Parts, Pull, Toward, Units};
+use super::contract::{Engine, Entry, LayerUnits, Parts, Penalty, Pull, Toward, Units};
 use super::loss::{Loss, Pass, Weights};
 use crate::agent::state::{AdamState, AgentState};
 
 /// Samples of one forward pass; keeps its working memory in the cache.
 const FORWARD_BATCH: usize = 256;
+
+/// A pull that draws nothing.
+const NO_PULL: bit_mlp::Pull<'static> = bit_mlp::Pull { coefficient: 0.0, anchor: None, covered: Decayed::All };
 
 /// S agents, one after another.
 pub struct FusedEngine {
@@ -20,6 +24,7 @@ pub struct FusedEngine {
     adam: AdamConfig,
     max_grad_norm: f32,
     pull: Option<FusedPull>,
+    penalties: Vec<Arc<dyn Penalty>>,
     seeds: Vec<Seed>,
 }
 
@@ -33,8 +38,6 @@ struct Seed {
     agent: AgentState,
     /// ∂loss/∂θ, `[P]`.
     gradient: Vec<f32>,
-    /// Its norm without the pull, where a pull has been added to it.
-    loss_norm: Option<f32>,
     /// The acting tower, made ready for single observations; stale after a step.
     acting: Prepared,
     is_stale: bool,
@@ -49,7 +52,7 @@ struct Seed {
 impl FusedEngine {
     /// Agents as they come out of the stage before.
     pub fn new(parts: Parts) -> Self {
-        let Parts { network, optimizer, pull, agents } = parts;
+        let Parts { network, optimizer, pull, penalties, agents } = parts;
         let towers: Vec<Mlp> = network.towers().iter().map(|tower| tower.mlp.clone()).collect();
         let covered = |pull: &Pull| (!pull.covers_all).then(|| network.weights());
         let pull = pull.map(|pull| FusedPull { covered: covered(&pull), pull });
@@ -63,7 +66,6 @@ impl FusedEngine {
         let seed = |agent: AgentState| Seed {
             gradient: vec![0.0; agent.parameters.len()],
             acting: Prepared::new(&towers[0], &agent.parameters, &[]),
-            loss_norm: None,
             is_stale: true,
             workspaces: Vec::new(),
             output_gradients: Vec::new(),
@@ -74,6 +76,7 @@ impl FusedEngine {
             adam,
             max_grad_norm: optimizer.max_grad_norm as f32,
             pull,
+            penalties,
             seeds: agents.into_iter().map(seed).collect(),
             towers,
         }
@@ -137,20 +140,19 @@ impl Engine for FusedEngine {
     }
 
     fn descend<'a>(&mut self, losses: &mut [&mut dyn Loss<'a>]) -> Vec<f32> {
-        let Self { towers, adam, max_grad_norm, pull, seeds } = self;
+        let Self { towers, adam, max_grad_norm, pull, penalties, seeds } = self;
         let step = |(seed, loss): (&mut Seed, &mut &mut dyn Loss<'a>)| {
             seed.differentiate(towers, *loss);
+            seed.penalise(pull.as_ref(), penalties);
             seed.step(*max_grad_norm, pull.as_ref(), adam)
         };
         seeds.iter_mut().zip(losses).map(step).collect()
     }
 
     fn norms(&self, seed: usize) -> GradientNorms {
-        let Seed { agent, gradient, loss_norm, .. } = &self.seeds[seed];
-        let nothing = bit_mlp::Pull { coefficient: 0.0, anchor: None, covered: Decayed::All };
-        let pull = self.pull.as_ref().map_or(nothing, |pull| pull.of(agent));
-        let norms = gradient_norms(&agent.parameters, gradient, pull);
-        GradientNorms { loss: loss_norm.unwrap_or(norms.loss), ..norms }
+        let Seed { agent, gradient, .. } = &self.seeds[seed];
+        let pull = self.pull.as_ref().filter(|pull| matches!(pull.pull.toward, Toward::Zero(_)));
+        gradient_norms(&agent.parameters, gradient, pull.map_or(NO_PULL, |pull| pull.of(agent)))
     }
 
     fn units(&self, seed: usize) -> Units {
@@ -160,10 +162,10 @@ impl Engine for FusedEngine {
             let layers = pass.iter().flat_map(|&pass| {
                 hidden.iter().enumerate().map(move |(i, block)| (block, workspaces[pass].activations(i)))
             });
-            let units = layers.map(|(block, values)| LayerUnits {
-                units: block.width,
-                values: values.width(),
-                activations: values.rows().flatten().copied().collect(),
+            let units = layers.map(|(block, values)| {
+                let mut activations = Vec::with_capacity(values.len() * values.width());
+                values.rows().for_each(|row| activations.extend_from_slice(row));
+                LayerUnits { units: block.width, values: values.width(), activations }
             });
             units.collect()
         };
@@ -226,13 +228,17 @@ impl Seed {
         }
     }
 
+    /// Adds to the gradient what Adam's step does not.
+    fn penalise(&mut self, pull: Option<&FusedPull>, penalties: &[Arc<dyn Penalty>]) {
+        let Self { agent, gradient, .. } = self;
+        if let Some(pull) = pull.filter(|pull| matches!(pull.pull.toward, Toward::Copy(_))) {
+            pull.of(agent).add_to(gradient, &agent.parameters);
+        }
+        penalties.iter().for_each(|penalty| penalty.add_to(gradient, agent));
+    }
+
     /// One step of clipped Adam; returns the gradient's norm before clipping. One that is not finite changes nothing.
     fn step(&mut self, max_grad_norm: f32, pull: Option<&FusedPull>, adam: &AdamConfig) -> f32 {
-        if let Some(pull) = pull.filter(|pull| matches!(pull.pull.toward, Toward::Copy(_))) {
-            let pull = pull.of(&self.agent);
-            self.loss_norm = Some(gradient_norms(&self.agent.parameters, &self.gradient, pull).loss);
-            pull.add_to(&mut self.gradient, &self.agent.parameters);
-        }
         let decayed = pull.map_or(Decayed::All, FusedPull::covered);
         let AgentState { parameters, adam: AdamState { exp_avg, exp_avg_sq, step }, .. } = &mut self.agent;
         let moments = Moments { exp_avg, exp_avg_sq, step: *step + 1 };

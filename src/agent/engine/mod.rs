@@ -10,7 +10,7 @@ mod fused;
 mod loss;
 
 pub use choice::{Device, EngineChoice, EngineKind, Libtorch, NoEngine, install, libtorch};
-pub use contract::{Engine, Entry, GradientNorms, LayerUnits, Parts, Pull, Toward, Units};
+pub use contract::{Engine, Entry, GradientNorms, LayerUnits, Parts, Penalty, Pull, Toward, Units};
 pub use fused::FusedEngine;
 pub use loss::{Column, Loss, Pass, Statement, Weights};
 

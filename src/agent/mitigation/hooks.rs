@@ -2,13 +2,26 @@
 
 use std::any::Any;
 use std::fmt::Debug;
+use std::sync::Arc;
 
 use super::patient::Patient;
-use crate::agent::engine::{GradientNorms, Pull, Units};
+use crate::agent::engine::{GradientNorms, Penalty, Pull, Units};
 use crate::agent::learner::Metrics;
+use crate::agent::network::Network;
 use crate::agent::optimizer::OptimizerConfig;
 use crate::agent::shared::Shared;
 use crate::config::Settings;
+
+/// A setting that a mitigation brings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Brought {
+    /// Its key.
+    pub key: &'static str,
+    /// Its value, as in a file.
+    pub value: &'static str,
+    /// Whether another value is another dose of the method; else it is not the method at all, and refused.
+    pub is_dose: bool,
+}
 
 /// A method against loss of plasticity, as its settings. Every hook has a default that does nothing and costs nothing.
 pub trait Mitigation: Settings + Any + Debug + Send + Sync {
@@ -16,6 +29,10 @@ pub trait Mitigation: Settings + Any + Debug + Send + Sync {
     fn name(&self) -> &'static str;
     /// A number of its own, which its random streams have; never changed, and never used again for another; at most 1,000.
     fn number(&self) -> u16;
+    /// Settings that it brings when it is listed, as `--set` takes them, in place of a preset's.
+    fn brings(&self) -> &'static [Brought] {
+        &[]
+    }
     /// Whether it is there without being listed, as its own settings say.
     fn is_always_listed(&self) -> bool {
         false
@@ -30,6 +47,14 @@ pub trait Mitigation: Settings + Any + Debug + Send + Sync {
     /// What draws the parameters beside the loss.
     fn pull(&self) -> Option<Pull> {
         None
+    }
+    /// What else is added to the loss's gradient.
+    fn penalty(&self, _network: &Network) -> Option<Arc<dyn Penalty>> {
+        None
+    }
+    /// The names of the [copies](crate::agent::state::Kept::copies) that it keeps from the first stage on.
+    fn copies(&self) -> &'static [&'static str] {
+        &[]
     }
     /// Acts at the beginning of a stage, the first included.
     fn begin_stage(&self, _patient: &mut Patient<'_>) {}

@@ -1,34 +1,42 @@
 //! L2-Init: the parameters are drawn to where they began, and not to 0 (Kumar, Marklund & Van Roy 2023, "Maintaining
 //! Plasticity in Continual Learning via Regenerative Regularization").
 
+use std::sync::Arc;
+
+use bit_mlp::Decayed;
+
 use super::hooks::Mitigation;
 use super::patient::Patient;
-use crate::agent::engine::{Pull, Toward};
-use crate::config::{Settings, Visitor, positive};
+use crate::agent::engine::{Penalty, Pull, Toward};
+use crate::agent::network::Network;
+use crate::agent::state::AgentState;
+use crate::config::{Settings, Visitor, flag, positive};
 
 /// The name of the copy that holds θ₀.
 const FIRST: &str = "l2_init";
 
 /// The loss gets λ‖θ − θ₀‖², θ₀ being the agent's first parameters.
+///
+/// Not squared it is the variant of Juliani & Ash (2024, "A Study of Plasticity Loss in On-Policy Deep Reinforcement
+/// Learning"), λ‖θ − θ₀‖: one norm over all parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct L2Init {
     /// λ.
     coefficient: f64,
+    is_squared: bool,
 }
 
 impl Default for L2Init {
     fn default() -> Self {
-        Self { coefficient: 1e-3 }
+        Self { coefficient: 1e-3, is_squared: true }
     }
 }
 
 impl Settings for L2Init {
     fn visit(&mut self, v: &mut dyn Visitor) {
-        v.field(
-            "l2_init_coef",
-            "coefficient of the squared distance to the first parameters",
-            &mut positive(&mut self.coefficient),
-        );
+        let Self { coefficient, is_squared } = self;
+        v.field("l2_init_coef", "coefficient of the distance to the first parameters", &mut positive(coefficient));
+        v.field("l2_init_squared", "whether that distance is squared", &mut flag(is_squared));
     }
 }
 
@@ -43,7 +51,16 @@ impl Mitigation for L2Init {
 
     /// The paper writes λ‖θ − θ₀‖², without a half; clipping sees it, since it is part of the loss.
     fn pull(&self) -> Option<Pull> {
-        Some(Pull { toward: Toward::Copy(FIRST), coefficient: 2.0 * self.coefficient, covers_all: true })
+        let pull = Pull { toward: Toward::Copy(FIRST), coefficient: 2.0 * self.coefficient, covers_all: true };
+        self.is_squared.then_some(pull)
+    }
+
+    fn penalty(&self, _network: &Network) -> Option<Arc<dyn Penalty>> {
+        (!self.is_squared).then(|| Arc::new(self.clone()) as _)
+    }
+
+    fn copies(&self) -> &'static [&'static str] {
+        &[FIRST]
     }
 
     /// Notes θ₀ once in an agent's life.
@@ -54,5 +71,17 @@ impl Mitigation for L2Init {
 
     fn boxed(&self) -> Box<dyn Mitigation> {
         Box::new(self.clone())
+    }
+}
+
+impl Penalty for L2Init {
+    /// λ(θ − θ₀)/‖θ − θ₀‖, and 0 at θ₀.
+    fn add_to(&self, gradient: &mut [f32], agent: &mut AgentState) {
+        let Some(first) = agent.kept.copies.get(FIRST) else { return };
+        let away = |coefficient| bit_mlp::Pull { coefficient, anchor: Some(first), covered: Decayed::All };
+        let norm = bit_mlp::gradient_norms(&agent.parameters, gradient, away(1.0)).penalty;
+        if norm > 0.0 {
+            away(self.coefficient / f64::from(norm)).add_to(gradient, &agent.parameters);
+        }
     }
 }

@@ -1,10 +1,12 @@
 //! The list of mitigations, and those of a run.
 
 use std::any::Any;
+use std::sync::Arc;
 
-use super::hooks::Mitigation;
+use super::by_settings;
+use super::hooks::{Brought, Mitigation};
 use super::patient::Patient;
-use crate::agent::engine::Pull;
+use crate::agent::engine::{Penalty, Pull};
 use crate::agent::network::Network;
 use crate::agent::shared::Shared;
 use crate::agent::state::AgentState;
@@ -20,7 +22,23 @@ const MITIGATIONS: &[fn() -> Box<dyn Mitigation>] = &[
     || Box::new(super::head_rescale::HeadRescale::default()),
     || Box::new(super::adam_reset::AdamReset),
     || Box::new(super::adam_rel::AdamRel),
+    || Box::new(super::fire::Fire::default()),
+    || Box::new(super::parseval::Parseval::default()),
+    || Box::new(super::spectral::Spectral::default()),
     || Box::new(super::redo::ReDo::default()),
+    || Box::new(super::redo_saturation::ReDoSaturation::default()),
+    || Box::new(super::continual_backprop::ContinualBackprop::default()),
+    || Box::new(super::self_normalised_resets::SelfNormalisedResets::default()),
+    || Box::new(super::soft_shrink_perturb::SoftShrinkPerturb::default()),
+    || Box::new(super::weight_clipping::WeightClipping::default()),
+    || Box::new(super::normalise_project::NormaliseProject::default()),
+    || Box::new(by_settings::ENTROPY_BONUS),
+    || Box::new(by_settings::EQUAL_BETAS),
+    || Box::new(by_settings::L2_ADAM),
+    || Box::new(by_settings::ADAMW),
+    || Box::new(by_settings::LAYER_NORM),
+    || Box::new(by_settings::CRELU),
+    || Box::new(by_settings::FOURIER),
 ];
 
 /// The mitigations of a run.
@@ -46,6 +64,16 @@ impl Mitigations {
         all.find(|mitigation| crate::config::keys(&mut *mitigation.boxed()).contains(&key)).map(|m| m.name())
     }
 
+    /// What those bring that are not among `before`, with their names.
+    pub fn brought(&self, before: &Self) -> Vec<(&'static str, Brought)> {
+        let is_new = |mitigation: &&dyn Mitigation| before.iter().all(|old| old.name() != mitigation.name());
+        let of = |mitigation: &dyn Mitigation| {
+            let name = mitigation.name();
+            mitigation.brings().iter().map(move |&brought| (name, brought))
+        };
+        self.iter().filter(is_new).flat_map(of).collect()
+    }
+
     /// The one of this type, if it is there.
     pub fn find<T: Mitigation>(&self) -> Option<&T> {
         self.iter().find_map(|mitigation| (mitigation as &dyn Any).downcast_ref())
@@ -59,6 +87,11 @@ impl Mitigations {
     /// What draws the parameters beside the loss.
     pub fn pull(&self) -> Option<Pull> {
         self.iter().find_map(Mitigation::pull)
+    }
+
+    /// What else is added to the loss's gradient.
+    pub fn penalties(&self, network: &Network) -> Vec<Arc<dyn Penalty>> {
+        self.iter().filter_map(|mitigation| mitigation.penalty(network)).collect()
     }
 
     /// Checks each of them, and that they fit together.

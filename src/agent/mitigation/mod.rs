@@ -6,19 +6,29 @@
 
 mod adam_rel;
 mod adam_reset;
+mod by_settings;
+mod continual_backprop;
+mod fire;
 mod head_rescale;
 mod hooks;
 mod l2;
 mod l2_init;
 mod list;
+mod normalise_project;
+mod parseval;
 mod patient;
 mod redo;
+mod redo_saturation;
 mod regimen;
 mod reset;
+mod self_normalised_resets;
 mod shrink_perturb;
+mod soft_shrink_perturb;
+mod spectral;
+mod weight_clipping;
 
-pub use hooks::Mitigation;
+pub use hooks::{Brought, Mitigation};
 pub use l2::{L2, L2Covers, L2Penalty};
 pub use list::{Listed, Mitigations};
-pub use patient::Patient;
+pub use patient::{Patient, Place};
 pub use regimen::Regimen;

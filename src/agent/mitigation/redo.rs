@@ -55,20 +55,7 @@ impl Mitigation for ReDo {
     }
 
     fn after_step(&self, patient: &mut Patient<'_>, units: &Units) {
-        let dormant: Vec<Vec<Vec<usize>>> =
-            units.towers.iter().map(|layers| layers.iter().map(|layer| self.dormant(layer)).collect()).collect();
-        if dormant.iter().flatten().all(Vec::is_empty) {
-            return;
-        }
-        let new = patient.network.init(&mut patient.stream(self.number()));
-        for (tower, layers) in dormant.iter().enumerate() {
-            for (layer, units) in layers.iter().enumerate() {
-                units.iter().for_each(|&unit| patient.renew_incoming(tower, layer, unit, &new));
-            }
-            for (layer, units) in layers.iter().enumerate() {
-                units.iter().for_each(|&unit| patient.silence_outgoing(tower, layer, unit));
-            }
-        }
+        patient.recycle(&units.chosen(|layer| self.dormant(layer)), self.number());
     }
 
     fn boxed(&self) -> Box<dyn Mitigation> {

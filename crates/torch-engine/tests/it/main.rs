@@ -14,10 +14,15 @@ mod sb3_dqn;
 #[path = "../../../../tests/it/sb3_ppo.rs"]
 mod sb3_ppo;
 
-use cpp_rl::agent::engine::{Device, Engine, Parts};
+use cpp_rl::agent::engine::{self, Device, Engine, EngineKind, Parts};
 use torch_engine::TorchEngine;
 
 /// The repository.
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 /// The engines that recorded updates are followed with; the tests of cpp-rl have the fused one here.
 const ENGINES: [fn(Parts) -> Box<dyn Engine>; 1] = [|parts| Box::new(TorchEngine::new(parts, Device::Cpu))];
+/// The engine that agents are trained with; the tests of cpp-rl have the fused one here.
+const KIND: fn() -> EngineKind = || {
+    engine::install(&torch_engine::LIBTORCH);
+    EngineKind::Libtorch(Device::Cpu)
+};
