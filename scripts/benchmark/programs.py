@@ -94,9 +94,8 @@ class CppRl:
 
     def mitigations(self, algo: str) -> list[str]:
         """The names of all mitigations that this preset can have."""
-        keys = json.loads(self.command("config", "keys", "--algo", algo, "--format", "json", cores=[0]).output)
-        (allowed,) = (key["allowed"] for key in keys if key["key"] == "mitigations")
-        names = re.search(r"out of (.*), such as", allowed)[1].split(", ")
+        listed = json.loads(self.command("config", "mitigations", "--format", "json", cores=[0]).output)
+        names = [mitigation["name"] for mitigation in listed]
         show = [self.binary, "config", "show", "--algo", algo, "--set"]
         fits = [subprocess.run([*show, f"mitigations=[{name}]"], capture_output=True).returncode == 0 for name in names]
         return [name for name, fit in zip(names, fits, strict=True) if fit]

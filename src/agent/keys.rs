@@ -4,7 +4,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::config::Config;
-use super::mitigation::Mitigations;
+use super::mitigation::{Mitigation, Mitigations};
 use super::registry;
 use crate::config::{self, Field, Settings, Visitor};
 
@@ -29,11 +29,33 @@ pub fn of(configs: &[Config]) -> Vec<Key> {
     for config in configs {
         let mut complete = config.clone();
         // A mitigation has its settings only where it is listed.
-        complete.mitigations = Mitigations::new(&Mitigations::known());
+        complete.mitigations = Mitigations::all();
         let mut collect = Collect { config, values: config.to_json(), keys: &mut keys };
         complete.visit(&mut collect);
     }
     keys
+}
+
+/// A mitigation that can be listed.
+#[derive(Clone, Debug, Serialize)]
+pub struct Described {
+    /// Its name.
+    pub name: &'static str,
+    /// What it does, and whose it is.
+    pub summary: &'static str,
+    /// Its own settings with their defaults, or those that it brings.
+    pub settings: Map<String, Value>,
+}
+
+/// Every mitigation that can be listed, in the order in which they act.
+pub fn mitigations() -> Vec<Described> {
+    let described = |mitigation: &dyn Mitigation| {
+        let value = |written: &str| serde_json::from_str(written).unwrap_or_else(|_| Value::from(written));
+        let brought = mitigation.brings().iter().map(|b| (b.key.to_owned(), value(b.value)));
+        let settings = config::to_json(&mut *mitigation.boxed()).into_iter().chain(brought).collect();
+        Described { name: mitigation.name(), summary: mitigation.summary(), settings }
+    };
+    Mitigations::all().iter().filter(|mitigation| !mitigation.is_always_listed()).map(described).collect()
 }
 
 struct Collect<'a> {

@@ -33,6 +33,12 @@ enum Action {
         #[arg(long, value_enum, default_value_t = Format::Table)]
         format: Format,
     },
+    /// List every method against loss of plasticity: what it does, its settings and their defaults.
+    Mitigations {
+        /// How the list is printed.
+        #[arg(long, value_enum, default_value_t = Format::Table)]
+        format: Format,
+    },
     /// Print the settings that these arguments make, as a file that --config takes.
     Show {
         /// The preset; not needed where --config names one.
@@ -67,6 +73,7 @@ impl ConfigArgs {
     pub fn run(&self) -> Result<()> {
         write_stdout(&match &self.action {
             Action::Keys { algo, format } => list(algo.as_deref(), *format)?,
+            Action::Mitigations { format } => mitigations(*format)?,
             Action::Show { algo, config, set } => resolve(algo.as_deref(), config.as_deref(), set, None)?.to_yaml(),
             Action::Diff { a, b, format } => compare([a, b], *format)?,
         })
@@ -89,6 +96,19 @@ fn list(algo: Option<&str>, format: Format) -> Result<String> {
     };
     let columns = ["setting", "default", "allowed", "declared by", "meaning"].map(str::to_owned).to_vec();
     Ok(Table { columns, rows: keys.iter().map(row).collect(), ..Table::default() }.render(format))
+}
+
+fn mitigations(format: Format) -> Result<String> {
+    let described = keys::mitigations();
+    if format == Format::Json {
+        return Ok(serde_json::to_string(&described)? + "\n");
+    }
+    let settings = |settings: &Map<String, Value>| {
+        settings.iter().map(|(key, value)| format!("{key}={}", shown(value))).collect::<Vec<_>>().join(", ")
+    };
+    let row = |m: &keys::Described| [m.name.into(), m.summary.into(), settings(&m.settings).into()].to_vec();
+    let columns = ["mitigation", "what it does", "settings"].map(str::to_owned).to_vec();
+    Ok(Table { columns, rows: described.iter().map(row).collect(), ..Table::default() }.render(format))
 }
 
 /// One value, or that of each config where they differ.

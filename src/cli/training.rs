@@ -38,7 +38,7 @@ pub struct TrainingArgs {
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Methods against loss of plasticity, such as redo,layer-norm: the same as --set 'mitigations=[redo, layer-norm]';
-    /// docs/mitigations.md and `cpp-rl config keys` list them.
+    /// `cpp-rl config mitigations` lists them.
     #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
     mitigation: Vec<String>,
     #[command(flatten)]

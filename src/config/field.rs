@@ -225,7 +225,8 @@ impl Field for Names<'_> {
             list.iter().map(name).collect::<Option<Vec<&'static str>>>()
         });
         let differ = |list: &Vec<&str>| list.iter().enumerate().all(|(i, name)| !list[..i].contains(name));
-        *self.place = taken.filter(differ).ok_or_else(|| self.allowed())?;
+        *self.place =
+            taken.filter(differ).ok_or_else(|| format!("{}, out of {}", self.allowed(), self.known.join(", ")))?;
         Ok(())
     }
 
@@ -235,7 +236,7 @@ impl Field for Names<'_> {
 
     fn allowed(&self) -> String {
         match self.known.first() {
-            Some(example) => format!("a list of different names out of {}, such as [{example}]", self.known.join(", ")),
+            Some(example) => format!("a list of different names, such as [{example}]"),
             None => "an empty list: there is nothing to name".to_owned(),
         }
     }

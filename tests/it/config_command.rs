@@ -65,3 +65,16 @@ fn presets_files_and_runs_are_compared() {
     assert_eq!(sandbox.succeeds("config diff ppo ppo").stdout, "no setting differs\n");
     assert!(sandbox.fails(2, "config diff ppo nothing").contains("nothing: no preset, no file and no run's directory"));
 }
+
+#[test]
+fn mitigations_are_listed_with_what_they_do() {
+    let sandbox = Sandbox::new();
+    let listed = sandbox.json("config mitigations");
+    let listed = listed.as_array().expect("a list");
+    let of = |name: &str| listed.iter().find(|m| m["name"] == name).unwrap_or_else(|| panic!("{name} is not listed"));
+    assert_eq!(of("redo")["settings"], json!({ "redo_threshold": 0.1, "redo_interval": 1000 }));
+    assert_eq!(of("entropy-bonus")["settings"], json!({ "ent_coef": 0.1 }));
+    assert!(listed.iter().all(|m| m["summary"].as_str().is_some_and(|summary| summary.len() > 20)));
+    let table = sandbox.succeeds("config mitigations").stdout;
+    assert!(table.contains("dormant units begin anew (Sokar et al. 2023)") && table.contains("redo_interval=1000"));
+}

@@ -751,7 +751,7 @@ fn settings_of_mitigations_are_explained() {
     let error = refused("mitigations=[redoo]");
     assert!(
         error.contains(
-            "a list of different names out of l2-init, shrink-perturb, reset, head-rescale, adam-reset, adam-rel, fire"
+            "a list of different names, such as [l2-init], out of l2-init, shrink-perturb, reset, head-rescale, adam-reset, adam-rel, fire"
         ),
         "{error}"
     );

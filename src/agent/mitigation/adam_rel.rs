@@ -20,6 +20,10 @@ impl Mitigation for AdamRel {
         "adam-rel"
     }
 
+    fn summary(&self) -> &'static str {
+        "at a switch Adam counts its steps anew (Ellis et al. 2024)"
+    }
+
     fn number(&self) -> u16 {
         7
     }

@@ -22,6 +22,10 @@ impl Mitigation for AdamReset {
         "adam-reset"
     }
 
+    fn summary(&self) -> &'static str {
+        "at a switch Adam begins anew (Asadi et al. 2023)"
+    }
+
     fn number(&self) -> u16 {
         6
     }

@@ -7,6 +7,7 @@ use crate::config::{Settings, Visitor};
 #[derive(Clone, Debug, PartialEq)]
 pub struct BySettings {
     name: &'static str,
+    summary: &'static str,
     number: u16,
     brings: &'static [Brought],
 }
@@ -22,33 +23,62 @@ const fn dose(key: &'static str, value: &'static str) -> Brought {
 }
 
 /// A bonus on entropy ten times the paper's: a control of this project.
-pub const ENTROPY_BONUS: BySettings =
-    BySettings { name: "entropy-bonus", number: 20, brings: &[dose("ent_coef", "0.1")] };
+pub const ENTROPY_BONUS: BySettings = BySettings {
+    name: "entropy-bonus",
+    summary: "a bonus on entropy ten times the paper's: a control of this project",
+    number: 20,
+    brings: &[dose("ent_coef", "0.1")],
+};
 
 /// β₁ = β₂ (Dohare et al. 2024, "Loss of Plasticity in Deep Continual Learning").
-pub const EQUAL_BETAS: BySettings =
-    BySettings { name: "equal-betas", number: 21, brings: &[dose("adam_beta1", "0.99"), dose("adam_beta2", "0.99")] };
+pub const EQUAL_BETAS: BySettings = BySettings {
+    name: "equal-betas",
+    summary: "Adam with β₁ = β₂ (Dohare et al. 2024)",
+    number: 21,
+    brings: &[dose("adam_beta1", "0.99"), dose("adam_beta2", "0.99")],
+};
 
 /// L2 inside Adam, as `torch.optim.Adam(weight_decay)`.
-pub const L2_ADAM: BySettings =
-    BySettings { name: "l2-adam", number: 22, brings: &[is("l2", "adam"), dose("l2_coef", "0.0001")] };
+pub const L2_ADAM: BySettings = BySettings {
+    name: "l2-adam",
+    summary: "L2 inside Adam (Dohare et al. 2024)",
+    number: 22,
+    brings: &[is("l2", "adam"), dose("l2_coef", "0.0001")],
+};
 
 /// Decoupled weight decay (Loshchilov & Hutter 2019, "Decoupled Weight Decay Regularization").
-pub const ADAMW: BySettings =
-    BySettings { name: "adamw", number: 23, brings: &[is("l2", "adamw"), dose("l2_coef", "0.01")] };
+pub const ADAMW: BySettings = BySettings {
+    name: "adamw",
+    summary: "decoupled weight decay (Loshchilov & Hutter 2019)",
+    number: 23,
+    brings: &[is("l2", "adamw"), dose("l2_coef", "0.01")],
+};
 
 /// Layer normalisation before the activation (Ba, Kiros & Hinton 2016; Lyle et al. 2023, "Understanding Plasticity in
 /// Neural Networks").
-pub const LAYER_NORM: BySettings = BySettings { name: "layer-norm", number: 24, brings: &[is("layer_norm", "true")] };
+pub const LAYER_NORM: BySettings = BySettings {
+    name: "layer-norm",
+    summary: "layer normalisation before each activation (Lyle et al. 2023)",
+    number: 24,
+    brings: &[is("layer_norm", "true")],
+};
 
 /// Concatenated ReLUs (Abbas et al. 2023, "Loss of Plasticity in Continual Deep Reinforcement Learning"), with half the
 /// width, so that as many values leave a layer.
-pub const CRELU: BySettings =
-    BySettings { name: "crelu", number: 25, brings: &[is("activation", "crelu"), dose("hidden", "[32, 32]")] };
+pub const CRELU: BySettings = BySettings {
+    name: "crelu",
+    summary: "concatenated ReLUs, at half the width (Abbas et al. 2023)",
+    number: 25,
+    brings: &[is("activation", "crelu"), dose("hidden", "[32, 32]")],
+};
 
 /// Deep Fourier features (Lewandowski et al. 2024, "Plastic Learning with Deep Fourier Features"), with half the width.
-pub const FOURIER: BySettings =
-    BySettings { name: "fourier", number: 26, brings: &[is("activation", "fourier"), dose("hidden", "[32, 32]")] };
+pub const FOURIER: BySettings = BySettings {
+    name: "fourier",
+    summary: "deep Fourier features, at half the width (Lewandowski et al. 2024)",
+    number: 26,
+    brings: &[is("activation", "fourier"), dose("hidden", "[32, 32]")],
+};
 
 impl Settings for BySettings {
     fn visit(&mut self, _: &mut dyn Visitor) {}
@@ -57,6 +87,10 @@ impl Settings for BySettings {
 impl Mitigation for BySettings {
     fn name(&self) -> &'static str {
         self.name
+    }
+
+    fn summary(&self) -> &'static str {
+        self.summary
     }
 
     fn number(&self) -> u16 {

@@ -65,6 +65,10 @@ impl Mitigation for ContinualBackprop {
         "continual-backprop"
     }
 
+    fn summary(&self) -> &'static str {
+        "now and then the least useful of the mature units begins anew (Dohare et al. 2024)"
+    }
+
     fn number(&self) -> u16 {
         10
     }

@@ -37,6 +37,10 @@ impl Mitigation for Fire {
         "fire"
     }
 
+    fn summary(&self) -> &'static str {
+        "at a switch the weights are made orthogonal (Han et al. 2026)"
+    }
+
     fn number(&self) -> u16 {
         17
     }

@@ -33,6 +33,10 @@ impl Mitigation for HeadRescale {
         "head-rescale"
     }
 
+    fn summary(&self) -> &'static str {
+        "at a switch the last layer that acts is made small: a control of this project"
+    }
+
     fn number(&self) -> u16 {
         5
     }

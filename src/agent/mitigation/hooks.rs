@@ -27,6 +27,8 @@ pub struct Brought {
 pub trait Mitigation: Settings + Any + Debug + Send + Sync {
     /// Its name in the setting `mitigations`.
     fn name(&self) -> &'static str;
+    /// What it does, and whose it is, in one line.
+    fn summary(&self) -> &'static str;
     /// A number of its own, which its random streams have; never changed, and never used again for another; at most 1,000.
     fn number(&self) -> u16;
     /// Settings that it brings when it is listed, as `--set` takes them, in place of a preset's.

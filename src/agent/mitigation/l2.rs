@@ -68,6 +68,10 @@ impl Mitigation for L2Penalty {
         "l2"
     }
 
+    fn summary(&self) -> &'static str {
+        "the parameters are drawn to 0; the setting l2 says how"
+    }
+
     fn number(&self) -> u16 {
         0
     }

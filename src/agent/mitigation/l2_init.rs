@@ -45,6 +45,10 @@ impl Mitigation for L2Init {
         "l2-init"
     }
 
+    fn summary(&self) -> &'static str {
+        "the loss draws the parameters to those with which the agent began (Kumar et al. 2023)"
+    }
+
     fn number(&self) -> u16 {
         1
     }

@@ -58,6 +58,11 @@ impl Mitigations {
         all.filter(|mitigation| !mitigation.is_always_listed()).map(|mitigation| mitigation.name()).collect()
     }
 
+    /// Every mitigation that can be listed, as it is without other settings.
+    pub fn all() -> Self {
+        Self::new(&Self::known())
+    }
+
     /// The mitigation that has this key among its settings.
     pub fn with_key(key: &str) -> Option<&'static str> {
         let mut all = MITIGATIONS.iter().map(|make| make());

@@ -38,6 +38,10 @@ impl Mitigation for NormaliseProject {
         "normalise-project"
     }
 
+    fn summary(&self) -> &'static str {
+        "layer normalisation, and now and then weights get back their first norm (Lyle et al. 2024)"
+    }
+
     fn number(&self) -> u16 {
         12
     }

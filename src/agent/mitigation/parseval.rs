@@ -53,6 +53,10 @@ impl Mitigation for Parseval {
         NAME
     }
 
+    fn summary(&self) -> &'static str {
+        "the loss draws the rows of hidden weights to orthogonal ones (Chung et al. 2024)"
+    }
+
     fn number(&self) -> u16 {
         13
     }

@@ -38,6 +38,10 @@ impl Mitigation for ReDo {
         "redo"
     }
 
+    fn summary(&self) -> &'static str {
+        "now and then dormant units begin anew (Sokar et al. 2023)"
+    }
+
     fn number(&self) -> u16 {
         3
     }

@@ -43,6 +43,10 @@ impl Mitigation for ReDoSaturation {
         "redo-saturation"
     }
 
+    fn summary(&self) -> &'static str {
+        "now and then units that are saturated begin anew: a variant of this project for tanh"
+    }
+
     fn number(&self) -> u16 {
         9
     }

@@ -33,6 +33,10 @@ impl Mitigation for Reset {
         "reset"
     }
 
+    fn summary(&self) -> &'static str {
+        "at a switch the last layers begin anew (Nikishin et al. 2022)"
+    }
+
     fn number(&self) -> u16 {
         4
     }

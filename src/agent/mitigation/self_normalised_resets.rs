@@ -60,6 +60,10 @@ impl Mitigation for SelfNormalisedResets {
         "self-normalised-resets"
     }
 
+    fn summary(&self) -> &'static str {
+        "units begin anew that are silent for longer than they use to be (Farias & Jozefiak 2025)"
+    }
+
     fn number(&self) -> u16 {
         11
     }

@@ -38,6 +38,10 @@ impl Mitigation for ShrinkPerturb {
         "shrink-perturb"
     }
 
+    fn summary(&self) -> &'static str {
+        "at a switch all parameters are made smaller, and new ones are added (Ash & Adams 2020)"
+    }
+
     fn number(&self) -> u16 {
         2
     }

@@ -42,6 +42,10 @@ impl Mitigation for SoftShrinkPerturb {
         "soft-shrink-perturb"
     }
 
+    fn summary(&self) -> &'static str {
+        "in each step parameters shrink and new ones are added, a little (Juliani & Ash 2024)"
+    }
+
     fn number(&self) -> u16 {
         8
     }

@@ -45,6 +45,10 @@ impl Mitigation for Spectral {
         "spectral"
     }
 
+    fn summary(&self) -> &'static str {
+        "the loss draws the largest singular values to 1 (Lewandowski et al. 2024)"
+    }
+
     fn number(&self) -> u16 {
         14
     }

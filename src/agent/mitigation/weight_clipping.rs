@@ -33,6 +33,10 @@ impl Mitigation for WeightClipping {
         "weight-clipping"
     }
 
+    fn summary(&self) -> &'static str {
+        "after each step weights and biases are brought within a bound (Elsayed et al. 2024)"
+    }
+
     fn number(&self) -> u16 {
         15
     }
