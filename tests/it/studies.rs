@@ -11,7 +11,7 @@ use crate::ROOT;
 use crate::sandbox::Sandbox;
 
 /// The studies beside the paper's, with their runs for one seed.
-const STUDIES: [(&str, usize); 13] = [
+const STUDIES: [(&str, usize); 14] = [
     ("a-b-a-b", 3 * (1 + 2)),
     ("dose", 6 * (1 + 5)),
     ("generated-60", 2),
@@ -22,6 +22,7 @@ const STUDIES: [(&str, usize); 13] = [
     ("why-dose", 1 + 4 * (6 + 3)),
     ("why-500k", 1 + 4),
     ("why-age", 7 + 5),
+    ("helps-base", 5),
     ("long", 3 + 40),
     ("long-dqn", 2 + 20),
     // Each seed goes through one order.
