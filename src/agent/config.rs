@@ -172,10 +172,11 @@ impl Config {
     }
 
     /// The mitigations at work on these agents in a stage.
-    pub fn regimen<'a>(&self, stage: &Stage, agents: impl Iterator<Item = &'a AgentState>) -> Regimen {
+    pub fn regimen<'a>(&self, stage: &Stage, agents: impl Iterator<Item = &'a AgentState> + Clone) -> Regimen {
         let network = self.network(&stage.level);
         let copies = self.algorithm.copies();
-        Regimen::new(&self.mitigations, &self.shared.optimizer, network, copies, stage.index, agents)
+        let outputs = self.algorithm.outputs();
+        Regimen::new(&self.mitigations, &self.shared.optimizer, network, copies, outputs, stage.index, agents)
     }
 
     /// The copies of its parameters that an agent carries in a stage, by name: the algorithm's, and the mitigations'.

@@ -6,10 +6,11 @@ use bit_mlp::BitBatch;
 use coverage_env::Level;
 use cpp_rl::agent::config::{self, Config};
 use cpp_rl::agent::dqn::{DqnLoss, Transitions};
-use cpp_rl::agent::engine::{Engine, LayerUnits, Units};
-use cpp_rl::agent::mitigation::{Mitigations, Patient, Place};
+use cpp_rl::agent::engine::{Engine, LayerUnits, Loss, Pass, Statement, Units};
+use cpp_rl::agent::mitigation::{Churn, Mitigations, Patient, Place, WithChurn};
+use cpp_rl::agent::network::Outputs;
 use cpp_rl::agent::snapshot::Snapshot;
-use cpp_rl::agent::state::{AdamState, AgentState};
+use cpp_rl::agent::state::{AdamState, AgentState, Kept};
 use cpp_rl::agent::{self, Stage};
 use cpp_rl::random::{Purpose, Stream};
 use serde_json::Value;
@@ -330,6 +331,98 @@ fn continual_backprop_is_numpys() {
     }
 }
 
+/// A loss that is 0.
+struct Nothing;
+
+impl<'a> Loss<'a> for Nothing {
+    fn passes(&self) -> Vec<Pass<'a>> {
+        Vec::new()
+    }
+
+    fn derive(&mut self, _: &[&[f32]], _: &mut [Vec<f32>]) {}
+
+    fn statement(&self) -> Statement<'a> {
+        Statement { name: "nothing", constants: Vec::new(), columns: Vec::new() }
+    }
+
+    fn of_acting(&self) -> f32 {
+        0.0
+    }
+
+    fn set_terms(&mut self, _: &[f32]) {}
+}
+
+#[test]
+fn churn_and_its_gradient_are_pytorchs() {
+    let golden = golden();
+    let cases = [
+        ("churn_policy", "activation=tanh", Outputs::Logits, "cross_entropy"),
+        ("churn_values", "activation=relu", Outputs::Values, "loss"),
+    ];
+    for (name, activation, outputs, distance) in cases {
+        for case in golden[name].as_array().expect("cases") {
+            // The mean of the gradients is then the gradient itself.
+            let sets = [activation, "adam_beta1=0", "max_grad_norm=1e9"].map(str::to_owned);
+            let config = dqn(&golden, &sets);
+            let agent = |parameters: &Value| {
+                let mut agent = config.agent(&level(), 0);
+                agent.parameters = floats(parameters);
+                agent
+            };
+            let states = batch(&case["inputs"]);
+            for make in crate::ENGINES {
+                let mut before = make(config.parts(&level(), vec![agent(&case["previous"])]));
+                let before = before.forward(0, &[&states]).remove(0);
+                let now = agent(&case["begin"]);
+                let mut engine = make(config.parts(&level(), vec![now.clone()]));
+                let mut nothing = Nothing;
+                let mut loss = WithChurn {
+                    inner: &mut nothing,
+                    states: &states,
+                    before: &before,
+                    outputs,
+                    coefficient: 2.0,
+                    distance: 0.0,
+                };
+                engine.descend(&mut [&mut loss]);
+                let expected = case[distance].as_f64().expect("a number") as f32;
+                assert_close(distance, &[loss.distance], &[expected], 1e-5);
+                let twice: Vec<f32> = floats(&case["gradient"]).into_iter().map(|g| 2.0 * g).collect();
+                assert_close("gradient", &saved(&*engine, &now).adam.exp_avg, &twice, 1e-5);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_coefficient_of_churn_is_numpys() {
+    let golden = golden();
+    for (case, (outputs, kind)) in golden["churn_coefficients"]
+        .as_array()
+        .expect("cases")
+        .iter()
+        .zip([(Outputs::Values, "value"), (Outputs::Logits, "policy")])
+    {
+        assert_eq!(case["least"].is_null(), outputs == Outputs::Values);
+        let sets = [
+            "mitigations=[churn]".to_owned(),
+            format!("churn_{kind}_coef={}", case["first"]),
+            format!("churn_{kind}_scale={}", case["scale"]),
+            format!("churn_warm_up={}", case["warm_up"]),
+            format!("churn_window={}", case["window"]),
+        ];
+        let config = dqn(&golden, &sets);
+        let churn = config.mitigations.find::<Churn>().expect("it is listed");
+        let mut kept = Kept::default();
+        let numbers = ["losses", "churns", "coefficients"].map(|name| floats(&case[name]));
+        let [losses, churns, coefficients] = &numbers;
+        for ((loss, distance), coefficient) in losses.iter().zip(churns).zip(coefficients) {
+            churn.note(&mut kept, f64::from(*loss), f64::from(*distance));
+            assert_close("c", &[churn.coefficient(outputs, &kept) as f32], &[*coefficient], 1e-5);
+        }
+    }
+}
+
 /// Lets every listed mitigation act once on an agent.
 fn act(config: &Config, agent: &mut AgentState, step: u64, units: &Units) {
     let network = config.network(&level());
@@ -578,7 +671,7 @@ fn a_unit_that_leaves_two_values_is_silenced_in_both() {
 }
 
 /// Every mitigation, with settings with which it acts within a few steps. For DQN, `activation` is ReLU where it is not said.
-const ACTING: [(&str, &[&str]); 25] = [
+const ACTING: [(&str, &[&str]); 26] = [
     ("l2-init", &[]),
     ("l2-init", &["l2_init_squared=false", "l2_init_coef=0.1"]),
     ("shrink-perturb", &[]),
@@ -589,6 +682,7 @@ const ACTING: [(&str, &[&str]); 25] = [
     ("fire", &[]),
     ("parseval", &["parseval_coef=0.1", "parseval_interval=5"]),
     ("spectral", &["spectral_coef=0.1"]),
+    ("churn", &["churn_warm_up=1"]),
     ("redo", &["redo_interval=7", "redo_threshold=0.8"]),
     ("redo-saturation", &["redo_saturation_level=0.2", "redo_saturation_share=0.5", "redo_saturation_interval=7"]),
     ("continual-backprop", &["continual_backprop_rate=0.05", "continual_backprop_maturity=10"]),

@@ -228,11 +228,12 @@ impl Engine for TorchEngine {
     fn descend<'a>(&mut self, losses: &mut [&mut dyn Loss<'a>]) -> Vec<f32> {
         let passes: Vec<Vec<Pass<'a>>> = losses.iter().map(|loss| loss.passes()).collect();
         let mut outputs = Vec::new();
+        self.hidden.iter_mut().for_each(Vec::clear);
         for (i, &Pass { weights, tower, .. }) in passes[0].iter().enumerate() {
             let batches: Vec<Batch<'_>> = passes.iter().map(|passes| passes[i].inputs).collect();
             let mut activations = self.activations(weights, tower, &batches);
             outputs.extend(activations.pop());
-            if weights == Weights::Own {
+            if weights == Weights::Own && self.hidden[tower].is_empty() {
                 self.hidden[tower] = activations.iter().map(Tensor::detach).collect();
             }
         }

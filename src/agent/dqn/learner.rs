@@ -149,8 +149,10 @@ impl Dqn {
         let gamma = self.gamma as f32;
         let mut losses: Vec<DqnLoss<'_>> =
             self.seeds.iter().map(|seed| DqnLoss::new(gamma, &seed.transitions)).collect();
-        let norms =
-            self.engine.descend(&mut losses.iter_mut().map(|loss| loss as _).collect::<Vec<&mut dyn Loss<'_>>>());
+        let draw =
+            |seed: usize, count: usize, stream: &mut Stream| self.seeds[seed].replay.draw(self.sensor, count, stream);
+        let mut each: Vec<&mut dyn Loss<'_>> = losses.iter_mut().map(|loss| loss as _).collect();
+        let norms = self.regimen.descend(&mut *self.engine, &mut each, &draw);
         let losses: Vec<f32> = losses.into_iter().map(|loss| loss.value).collect();
         for ((seed, loss), norm) in self.seeds.iter_mut().zip(losses).zip(norms) {
             seed.agent.counters.updates += 1;
@@ -158,7 +160,6 @@ impl Dqn {
             seed.losses.grad_norm += f64::from(norm);
             seed.losses.count += 1;
         }
-        self.regimen.after_step(&mut *self.engine);
     }
 
     /// The row of a seed; docs/metrics.md defines each column.

@@ -59,6 +59,10 @@ impl<'a> Loss<'a> for DqnLoss<'a> {
         }
     }
 
+    fn of_acting(&self) -> f32 {
+        self.value
+    }
+
     fn set_terms(&mut self, terms: &[f32]) {
         self.value = terms[0];
     }

@@ -214,6 +214,13 @@ impl Replay {
         }
     }
 
+    /// So many states of transitions drawn at random, with repetition.
+    pub fn draw(&self, sensor: &'static dyn Sensor, count: usize, stream: &mut impl Rng) -> BitBatch {
+        let mut drawn = Transitions::new(sensor, &self.level);
+        self.sample(count, stream, &mut drawn);
+        drawn.inputs
+    }
+
     /// Appends the transition in `slot` to `out`.
     fn copy(&self, slot: usize, out: &mut Transitions) {
         let sensor = out.sensor;

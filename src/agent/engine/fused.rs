@@ -15,6 +15,9 @@ use crate::agent::state::{AdamState, AgentState};
 /// Samples of one forward pass; keeps its working memory in the cache.
 const FORWARD_BATCH: usize = 256;
 
+/// Adds its second slice to its first.
+const AS_IT_IS: bit_mlp::Pull<'static> = bit_mlp::Pull { coefficient: 1.0, anchor: None, covered: Decayed::All };
+
 /// A pull that draws nothing.
 const NO_PULL: bit_mlp::Pull<'static> = bit_mlp::Pull { coefficient: 0.0, anchor: None, covered: Decayed::All };
 
@@ -38,6 +41,8 @@ struct Seed {
     agent: AgentState,
     /// ∂loss/∂θ, `[P]`.
     gradient: Vec<f32>,
+    /// The part of it that a further pass of a tower has, `[P]`; empty until there is one.
+    further: Vec<f32>,
     /// The acting tower, made ready for single observations; stale after a step.
     acting: Prepared,
     is_stale: bool,
@@ -65,6 +70,7 @@ impl FusedEngine {
         };
         let seed = |agent: AgentState| Seed {
             gradient: vec![0.0; agent.parameters.len()],
+            further: Vec::new(),
             acting: Prepared::new(&towers[0], &agent.parameters, &[]),
             is_stale: true,
             workspaces: Vec::new(),
@@ -208,7 +214,7 @@ impl Seed {
     fn differentiate<'a>(&mut self, towers: &[Mlp], loss: &mut dyn Loss<'a>) {
         let passes = loss.passes();
         self.make_room(passes.len());
-        let Self { agent, gradient, workspaces, output_gradients, units_in, .. } = self;
+        let Self { agent, gradient, further, workspaces, output_gradients, units_in, .. } = self;
         let parameters = |weights| match weights {
             Weights::Own => &agent.parameters,
             Weights::Copy(name) => &agent.kept.copies[name],
@@ -220,11 +226,19 @@ impl Seed {
         };
         let outputs: Vec<&[f32]> = passes.iter().zip(workspaces.iter_mut()).map(forward).collect();
         loss.derive(&outputs, gradients);
+        units_in.fill(None);
         let own = passes.iter().enumerate().filter(|(_, pass)| pass.weights == Weights::Own);
-        for (i, Pass { tower, inputs, .. }) in own {
-            let mlp = &towers[*tower];
-            mlp.backward(&agent.parameters, *inputs, &gradients[i], &mut workspaces[i], gradient);
-            units_in[*tower] = Some(i);
+        for (i, &Pass { tower, inputs, .. }) in own {
+            let (mlp, d_outputs, workspace) = (&towers[tower], &gradients[i], &mut workspaces[i]);
+            if units_in[tower].is_none() {
+                mlp.backward(&agent.parameters, inputs, d_outputs, workspace, gradient);
+                units_in[tower] = Some(i);
+                continue;
+            }
+            further.resize(gradient.len(), 0.0);
+            mlp.backward(&agent.parameters, inputs, d_outputs, workspace, further);
+            let range = mlp.range();
+            AS_IT_IS.add_to(&mut gradient[range.clone()], &further[range]);
         }
     }
 

@@ -7,8 +7,8 @@ use bit_mlp::Batch;
 /// It says which forward passes it needs, and derives the gradient with respect to their outputs by hand. It also states
 /// itself as data, for an engine that has the same formula in a language of its own and differentiates it itself.
 pub trait Loss<'a> {
-    /// The forward passes, in the order in which [`derive`](Self::derive) gets their outputs. At most one pass of each
-    /// tower is of the agent's own weights.
+    /// The forward passes, in the order in which [`derive`](Self::derive) gets their outputs. The first one of a tower with the
+    /// agent's own weights is of the minibatch; later ones add to its gradient.
     fn passes(&self) -> Vec<Pass<'a>>;
     /// Computes the terms, and writes ∂loss/∂outputs of each pass of the agent's own weights.
     ///
@@ -16,6 +16,8 @@ pub trait Loss<'a> {
     fn derive(&mut self, outputs: &[&[f32]], gradients: &mut [Vec<f32>]);
     /// The same loss as data.
     fn statement(&self) -> Statement<'a>;
+    /// The part of it that the acting tower descends, once its terms are there.
+    fn of_acting(&self) -> f32;
     /// Takes terms that an engine computed from the statement, in the order in which it documents them.
     fn set_terms(&mut self, terms: &[f32]);
 }

@@ -25,6 +25,7 @@ const MITIGATIONS: &[fn() -> Box<dyn Mitigation>] = &[
     || Box::new(super::fire::Fire::default()),
     || Box::new(super::parseval::Parseval::default()),
     || Box::new(super::spectral::Spectral::default()),
+    || Box::new(super::churn::Churn::default()),
     || Box::new(super::redo::ReDo::default()),
     || Box::new(super::redo_saturation::ReDoSaturation::default()),
     || Box::new(super::continual_backprop::ContinualBackprop::default()),

@@ -7,6 +7,7 @@
 mod adam_rel;
 mod adam_reset;
 mod by_settings;
+mod churn;
 mod continual_backprop;
 mod fire;
 mod head_rescale;
@@ -27,6 +28,7 @@ mod soft_shrink_perturb;
 mod spectral;
 mod weight_clipping;
 
+pub use churn::{Churn, WithChurn};
 pub use hooks::{Brought, Mitigation};
 pub use l2::{L2, L2Covers, L2Penalty};
 pub use list::{Listed, Mitigations};

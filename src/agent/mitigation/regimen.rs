@@ -1,13 +1,17 @@
 //! The mitigations of a learner at work.
 
+use bit_mlp::BitBatch;
+
+use super::churn::{Churn, Churning};
 use super::hooks::Mitigation;
 use super::list::Mitigations;
 use super::patient::{Patient, STEPS, steps};
-use crate::agent::engine::{Engine, Units};
+use crate::agent::engine::{Engine, Loss, Units};
 use crate::agent::learner::Metrics;
-use crate::agent::network::Network;
+use crate::agent::network::{Network, Outputs};
 use crate::agent::optimizer::OptimizerConfig;
 use crate::agent::state::AgentState;
+use crate::random::Stream;
 
 /// What a learner of S seeds calls after every step and for every row of its log.
 pub struct Regimen {
@@ -19,6 +23,7 @@ pub struct Regimen {
     stage: u16,
     /// Gradient steps of each agent so far, counted where mitigations act between them.
     steps: Vec<u64>,
+    churning: Option<Churning>,
     /// Whether any mitigation ever acts between steps.
     counts_steps: bool,
 }
@@ -30,10 +35,13 @@ impl Regimen {
         optimizer: &OptimizerConfig,
         network: Network,
         copies: &'static [&'static str],
+        outputs: Outputs,
         stage: u16,
-        agents: impl Iterator<Item = &'a AgentState>,
+        agents: impl Iterator<Item = &'a AgentState> + Clone,
     ) -> Self {
+        let churn = mitigations.find::<Churn>();
         Self {
+            churning: churn.map(|churn| Churning::new(churn, outputs, stage, agents.clone())),
             network,
             copies,
             stage,
@@ -42,6 +50,22 @@ impl Regimen {
             mitigations: mitigations.clone(),
             optimizer: optimizer.clone(),
         }
+    }
+
+    /// One step per seed down its loss and what mitigations add to it; then mitigations act. `draw` draws so many states of a
+    /// seed, by its place.
+    pub fn descend(
+        &mut self,
+        engine: &mut dyn Engine,
+        losses: &mut [&mut dyn Loss<'_>],
+        draw: &dyn Fn(usize, usize, &mut Stream) -> BitBatch,
+    ) -> Vec<f32> {
+        let norms = match &mut self.churning {
+            Some(churning) => churning.descend(engine, losses, &self.steps, draw),
+            None => engine.descend(losses),
+        };
+        self.after_step(engine);
+        norms
     }
 
     /// Lets mitigations act after a gradient step of every seed.
@@ -68,8 +92,11 @@ impl Regimen {
         self.mitigations.iter().flat_map(|mitigation| mitigation.metrics(&self.optimizer, &norms)).collect()
     }
 
-    /// Writes what it counts into the agent.
-    pub fn save(&self, seed: usize, agent: &mut AgentState) {
+    /// Writes what it counts into the agent, at the end of a row of the log.
+    pub fn save(&mut self, seed: usize, agent: &mut AgentState) {
+        if let Some(churning) = &mut self.churning {
+            churning.save(seed, agent);
+        }
         if self.counts_steps {
             agent.kept.numbers.insert(STEPS.to_owned(), self.steps[seed]);
         }

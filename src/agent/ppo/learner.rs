@@ -157,13 +157,13 @@ impl Ppo {
         let seeds = seeds.iter();
         let mut losses: Vec<PpoLoss<'_>> =
             seeds.map(|seed| PpoLoss::new(config, &seed.rollout, &seed.order[places.clone()])).collect();
-        let norms =
-            self.engine.descend(&mut losses.iter_mut().map(|loss| loss as _).collect::<Vec<&mut dyn Loss<'_>>>());
+        let draw = |seed: usize, count: usize, stream: &mut Stream| self.seeds[seed].rollout.draw(count, stream);
+        let mut each: Vec<&mut dyn Loss<'_>> = losses.iter_mut().map(|loss| loss as _).collect();
+        let norms = self.regimen.descend(&mut *self.engine, &mut each, &draw);
         let terms: Vec<PpoTerms> = losses.into_iter().map(|loss| loss.terms).collect();
         for ((seed, terms), norm) in self.seeds.iter_mut().zip(terms).zip(norms) {
             seed.losses.push(terms, norm);
         }
-        self.regimen.after_step(&mut *self.engine);
     }
 }
 

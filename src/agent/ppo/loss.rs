@@ -104,6 +104,10 @@ impl<'a> Loss<'a> for PpoLoss<'a> {
         }
     }
 
+    fn of_acting(&self) -> f32 {
+        self.terms.policy
+    }
+
     /// In the order of [`PpoTerms`]' fields.
     fn set_terms(&mut self, terms: &[f32]) {
         let &[policy, value, entropy, total, approx_kl, clip_fraction] = terms else {

@@ -1,6 +1,7 @@
 //! A rollout: what the policy met in `n_steps`, and the advantages estimated from it.
 
 use bit_mlp::BitBatch;
+use coverage_env::random::below;
 use coverage_env::{Action, Level, Scene, Sensor, State, VecEnv};
 use rand::Rng;
 
@@ -41,6 +42,16 @@ impl Rollout {
     pub fn new(num_envs: usize, sensor: &'static dyn Sensor, level: &Level) -> Self {
         let [inputs, beyond, finals] = std::array::from_fn(|_| observations(sensor, level));
         Self { num_envs, sensor, inputs, beyond, finals, ..Self::default() }
+    }
+
+    /// So many of its states drawn at random, with repetition.
+    pub fn draw(&self, count: usize, stream: &mut impl Rng) -> BitBatch {
+        let mut drawn = BitBatch::default();
+        drawn.set_constant(self.inputs.constant());
+        for _ in 0..count {
+            drawn.push_sample(self.inputs.sample(below(stream, self.inputs.len() as u32) as usize));
+        }
+        drawn
     }
 
     /// Samples collected, T·N once it is full.
