@@ -68,7 +68,8 @@ impl Config {
         Self::from_layers(Layers::recorded(settings), None)
     }
 
-    /// The same with these settings, as `--set` takes them. Those of a mitigation that is listed no more go with it.
+    /// The same with these settings, as `--set` takes them. Those of a mitigation that is listed no more go with it; what it
+    /// brought has to be set anew.
     ///
     /// # Errors
     /// The first setting that cannot be taken.
@@ -93,8 +94,13 @@ impl Config {
         }
         layers.fill(&mut Listed(&mut config.mitigations))?;
         if let Some(before) = before {
+            let mut left = before.brought(&config.mitigations).into_iter();
+            if let Some((name, Brought { key, .. })) = left.find(|(_, brought)| layers.is_recorded(brought.key)) {
+                let problem = format!("{name} brought {key}, and is listed no more: set {key}, too");
+                return Err(layers.error("mitigations", problem));
+            }
             for (name, Brought { key, value, .. }) in config.mitigations.brought(before) {
-                layers.bring(key, value, format!("mitigation {name}"))?;
+                layers.bring(key, value, "mitigations", format!("mitigation {name}"))?;
             }
         }
         layers.fill(&mut config)?;

@@ -191,18 +191,17 @@ impl Network {
 }
 
 impl Tower {
-    /// Weights that go into one unit of a layer, `[inputs]`, distributed as a unit's of a new agent.
+    /// Weights that go into one unit of a hidden layer, `[inputs]`, distributed as a unit's of a new agent.
     ///
     /// A column of a random (semi-)orthogonal matrix is part of a random direction as long as the matrix's longer side.
     pub fn new_unit(&self, layer: usize, stream: &mut Stream) -> Vec<f32> {
         let block = &self.mlp.blocks()[layer];
         match self.init {
-            Init::Orthogonal { head } => {
-                let gain = if layer + 2 == self.sizes.len() { head } else { std::f64::consts::SQRT_2 };
+            Init::Orthogonal { head: _ } => {
                 let direction: Vec<f64> =
                     std::iter::repeat_with(|| stream.normal_pair().0).take(block.inputs.max(block.width)).collect();
                 let norm = direction.iter().map(|v| v * v).sum::<f64>().sqrt();
-                direction[..block.inputs].iter().map(|v| (gain * v / norm) as f32).collect()
+                direction[..block.inputs].iter().map(|v| (std::f64::consts::SQRT_2 * v / norm) as f32).collect()
             }
             Init::Uniform => {
                 let bound = uniform_bound(block);

@@ -49,6 +49,15 @@ impl fmt::Display for Origin {
 }
 
 impl Origin {
+    /// Which layer it is; a higher one replaces what a lower one says.
+    fn layer(&self) -> u8 {
+        match self {
+            Self::Algo | Self::Manifest | Self::Preset(_) => 1,
+            Self::File { .. } => 2,
+            Self::Brought(_) | Self::Set(_) | Self::Timesteps => 3,
+        }
+    }
+
     fn error(&self, problem: impl Into<String>) -> ConfigError {
         ConfigError { origin: self.clone(), problem: problem.into() }
     }
@@ -130,20 +139,26 @@ impl Layers {
         Ok(Self::new(self.left))
     }
 
-    /// Adds a setting that another setting brings along: it replaces what a preset or a manifest says, and nothing else.
-    /// `by` names what brings it.
+    /// Adds a setting that the setting `because` brings along, on behalf of `by`. It stands in that setting's layer, so that it
+    /// replaces what layers below say, and nothing else.
     ///
     /// # Errors
     /// A value that is no YAML.
-    pub fn bring(&mut self, key: &str, value: &str, by: String) -> Result<(), ConfigError> {
-        let gives_way = |origin: &Origin| matches!(origin, Origin::Preset(_) | Origin::Manifest);
-        if self.origins.get(key).is_none_or(gives_way) {
-            let (key, (value, _)) = parse_set(&format!("{key}={value}"))?;
-            let origin = Origin::Brought(by);
-            self.origins.insert(key.clone(), origin.clone());
-            self.left.insert(key, (value, origin));
+    pub fn bring(&mut self, key: &str, value: &str, because: &str, by: String) -> Result<(), ConfigError> {
+        let layer = |key: &str| self.origins.get(key).map_or(0, Origin::layer);
+        if self.origins.contains_key(key) && layer(key) >= layer(because) {
+            return Ok(());
         }
+        let (key, (value, _)) = parse_set(&format!("{key}={value}"))?;
+        let origin = Origin::Brought(by);
+        self.origins.insert(key.clone(), origin.clone());
+        self.left.insert(key, (value, origin));
         Ok(())
+    }
+
+    /// Whether a setting is what a manifest recorded.
+    pub fn is_recorded(&self, key: &str) -> bool {
+        matches!(self.origins.get(key), Some(Origin::Manifest))
     }
 
     /// Drops settings that a manifest recorded and nobody has taken.

@@ -283,7 +283,7 @@ fn penalties_and_clipping_are_pytorchs() {
 }
 
 #[test]
-fn continual_backprop_is_numpys() {
+fn continual_backprop_is_the_oracles() {
     let golden = golden();
     for case in golden["continual_backprop"].as_array().expect("cases") {
         let config = dqn(
@@ -395,7 +395,7 @@ fn churn_and_its_gradient_are_pytorchs() {
 }
 
 #[test]
-fn the_coefficient_of_churn_is_numpys() {
+fn the_coefficient_of_churn_is_the_oracles() {
     let golden = golden();
     for (case, (outputs, kind)) in golden["churn_coefficients"]
         .as_array()
@@ -434,7 +434,7 @@ fn act(config: &Config, agent: &mut AgentState, step: u64, units: &Units) {
 }
 
 #[test]
-fn units_are_reset_when_they_are_silent_for_longer_than_they_use_to_be() {
+fn units_are_reset_when_they_are_silent_for_longer_than_usual() {
     let golden = golden();
     for case in golden["self_normalised_resets"].as_array().expect("cases") {
         // The record counts samples, and we count gradient steps.
@@ -486,7 +486,7 @@ fn units_are_reset_when_they_are_silent_for_longer_than_they_use_to_be() {
 }
 
 #[test]
-fn weights_are_projected_and_made_orthogonal_as_numpy_does() {
+fn weights_are_projected_and_made_orthogonal() {
     let golden = golden();
     // The other case projects the last layer, too.
     for case in golden["normalise_and_project"].as_array().expect("cases").iter().take(1) {
@@ -516,39 +516,48 @@ fn weights_are_projected_and_made_orthogonal_as_numpy_does() {
     }
 }
 
+/// Many single steps and one of all of them: where θ′ is always the same, the same; else with noise of the same variance.
 #[test]
 fn soft_shrink_and_perturb_by_hand() {
-    let golden = golden();
-    let agent_after = |interval: u64| {
+    let (alpha, beta) = (0.995_f64, 0.25);
+    let agent_after = |interval: u64, applications: u64| {
         let config = dqn(
-            &golden,
+            &golden(),
             &[
                 "mitigations=[soft-shrink-perturb]".to_owned(),
-                "soft_shrink_perturb_alpha=0.9".to_owned(),
-                "soft_shrink_perturb_beta=0.5".to_owned(),
+                "layer_norm=true".to_owned(),
+                format!("soft_shrink_perturb_alpha={alpha}"),
+                format!("soft_shrink_perturb_beta={beta}"),
                 format!("soft_shrink_perturb_interval={interval}"),
             ],
         );
         let before = config.agent(&level(), 5);
         let mut after = before.clone();
-        act(&config, &mut after, 1, &Units::default());
-        let stream = &mut Stream::new(5, 3, Purpose::Mitigation { number: 8, step: 1 });
-        (before.parameters, config.network(&level()).init(stream), after.parameters)
+        (1..=applications).for_each(|step| act(&config, &mut after, step, &Units::default()));
+        (config.network(&level()), before.parameters, after.parameters)
     };
-    let (before, new, after) = agent_after(1);
-    assert!(
-        before.iter().zip(new).zip(after).all(|((before, new), after)| (0.9 * before + 0.5 * new - after).abs() < 1e-6)
+    let (network, before, single) = agent_after(1, 2);
+    let (_, _, at_once) = agent_after(2, 1);
+    let new = |step| network.init(&mut Stream::new(5, 3, Purpose::Mitigation { number: 8, step }));
+    let (first, second) = (new(1), new(2));
+    let scales: Vec<usize> = network.hidden_blocks().flat_map(|b| b.norm.clone().expect("a norm").scale).collect();
+    assert_eq!(scales.len(), 9);
+    for at in 0..before.len() {
+        let step = |p: f32, new: f32| alpha as f32 * p + beta as f32 * new;
+        assert!((single[at] - step(step(before[at], first[at]), second[at])).abs() < 1e-6);
+        let noise = beta as f32 * (1.0 + alpha * alpha).sqrt() as f32;
+        let kept = (alpha * alpha) as f32 * before[at];
+        let expected = if scales.contains(&at) { single[at] } else { kept + noise * first[at] };
+        assert!((at_once[at] - expected).abs() < 1e-6, "{at}");
+    }
+    let refused = config::resolve(
+        Some("ppo"),
+        None,
+        &["mitigations=[soft-shrink-perturb]", "soft_shrink_perturb_alpha=0.9999"].map(str::to_owned),
+        None,
     );
-    // Three steps: 0.9³, and noise with the variance of 0.5² (1 + 0.9² + 0.9⁴).
-    let (before, new, after) = agent_after(3);
-    let (kept, added) = (0.729, 0.5 * (1.0_f32 + 0.81 + 0.6561).sqrt());
-    assert!(
-        before
-            .iter()
-            .zip(new)
-            .zip(after)
-            .all(|((before, new), after)| (kept * before + added * new - after).abs() < 1e-6)
-    );
+    let error = refused.expect_err("1,000 steps are too many").to_string();
+    assert!(error.contains("at most 100 gradient steps can be made at once, and not 1000"), "{error}");
 }
 
 #[test]
@@ -687,7 +696,7 @@ const ACTING: [(&str, &[&str]); 26] = [
     ("redo-saturation", &["redo_saturation_level=0.2", "redo_saturation_share=0.5", "redo_saturation_interval=7"]),
     ("continual-backprop", &["continual_backprop_rate=0.05", "continual_backprop_maturity=10"]),
     ("self-normalised-resets", &["self_normalised_resets_threshold=2", "self_normalised_resets_interval=20"]),
-    ("soft-shrink-perturb", &["soft_shrink_perturb_alpha=0.9", "soft_shrink_perturb_interval=7"]),
+    ("soft-shrink-perturb", &["soft_shrink_perturb_alpha=0.999", "soft_shrink_perturb_interval=7"]),
     ("weight-clipping", &["weight_clipping_kappa=0.5"]),
     ("normalise-project", &["normalise_project_interval=7"]),
     ("entropy-bonus", &[]),
@@ -748,9 +757,10 @@ fn a_mitigation_that_does_nothing_changes_nothing() {
             "dqn",
             "self-normalised-resets",
             &[
-                "self_normalised_resets_threshold=10000",
-                "self_normalised_resets_longest=10000",
+                "self_normalised_resets_threshold=1000",
+                "self_normalised_resets_longest=1000",
                 "self_normalised_resets_interval=1000000",
+                "train_freq=16",
             ],
         ),
         ("ppo", "weight-clipping", &["weight_clipping_kappa=1e9"]),
@@ -799,7 +809,19 @@ fn a_mitigation_of_settings_brings_them() {
     let with = plain.with_sets(&["mitigations=[entropy-bonus]".to_owned()]).expect("valid settings");
     assert_eq!(with.to_json()["ent_coef"], 0.1);
 
+    // What a listed method brought does not stay unseen when it is listed no more.
+    let error = with.with_sets(&["mitigations=[]".to_owned()]).expect_err("a refusal").to_string();
+    assert!(error.contains("entropy-bonus brought ent_coef, and is listed no more: set ent_coef, too"), "{error}");
+    let without = with.with_sets(&["mitigations=[]", "ent_coef=0.01"].map(str::to_owned)).expect("valid settings");
+    assert_eq!(without, plain);
+
     let refused = |algo, sets: &[&str]| resolve(algo, sets).expect_err("a refusal").to_string();
+    let error = refused("ppo", &["mitigations=[equal-betas]", "adam_beta1=0.9"]);
+    assert!(error.contains("adam_beta1=0.9 and adam_beta2=0.99 differ"), "{error}");
+    let error = refused("ppo", &["mitigations=[redo, continual-backprop]"]);
+    assert!(error.contains("redo and continual-backprop cannot replace units at once"), "{error}");
+    let error = refused("dqn", &["mitigations=[self-normalised-resets]", "self_normalised_resets_threshold=101"]);
+    assert!(error.contains("self_normalised_resets_longest=100"), "{error}");
     let error = refused("dqn", &["mitigations=[entropy-bonus]"]);
     assert!(error.contains("mitigation entropy-bonus") && error.contains("it is one of ppo"), "{error}");
     let error = refused("ppo", &["mitigations=[crelu]", "activation=tanh"]);

@@ -311,7 +311,9 @@ fn a_run_that_another_process_writes_is_refused() {
 #[test]
 fn a_mitigated_run_is_stopped_and_goes_on() {
     for algo in ["ppo", "dqn"] {
-        for mitigation in ["l2-init", "shrink-perturb", "redo"] {
+        let recycling = if algo == "ppo" { "continual-backprop" } else { "self-normalised-resets" };
+        let each = ["l2-init", "shrink-perturb", "redo", recycling, "spectral,parseval,normalise-project", "churn"];
+        for mitigation in each {
             let sandbox = Sandbox::new();
             let own = if mitigation == "redo" { "--set redo_interval=7 --set redo_threshold=0.8" } else { "" };
             let command = |out| format!("{} --seeds 0..2 --set mitigations=[{mitigation}] {own}", command(algo, out));

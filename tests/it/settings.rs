@@ -90,3 +90,17 @@ proptest! {
         }
     }
 }
+
+/// A method that the command line lists brings its settings above a complete file; but not above those of its own file.
+#[test]
+fn a_listed_mitigation_stands_above_a_file() {
+    let sandbox = Sandbox::new();
+    let plain = sandbox.succeeds("config show --algo ppo").stdout;
+    sandbox.write("plain.yaml", &plain);
+    let above =
+        sandbox.succeeds("config show --config plain.yaml --set mitigations=[equal-betas,entropy-bonus]").stdout;
+    assert!(above.contains("adam_beta2: 0.99 ") && above.contains("ent_coef: 0.1 "), "{above}");
+    let own = above.replace("ent_coef: 0.1 ", "ent_coef: 0.3 ");
+    sandbox.write("own.yaml", &own);
+    assert_eq!(sandbox.succeeds("config show --config own.yaml").stdout, own);
+}

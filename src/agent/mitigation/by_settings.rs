@@ -1,6 +1,7 @@
 //! Mitigations that are nothing but settings: of the network, the optimiser, the loss.
 
 use super::hooks::{Brought, Mitigation};
+use crate::agent::shared::Shared;
 use crate::config::{Settings, Visitor};
 
 /// A method that other settings carry out. Listed, it brings them; its dose is theirs.
@@ -43,7 +44,7 @@ pub const L2_ADAM: BySettings = BySettings {
     name: "l2-adam",
     summary: "L2 inside Adam (Dohare et al. 2024)",
     number: 22,
-    brings: &[is("l2", "adam"), dose("l2_coef", "0.0001")],
+    brings: &[is("l2", "adam"), dose("l2_coef", "0.001")],
 };
 
 /// Decoupled weight decay (Loshchilov & Hutter 2019, "Decoupled Weight Decay Regularization").
@@ -99,6 +100,14 @@ impl Mitigation for BySettings {
 
     fn brings(&self) -> &'static [Brought] {
         self.brings
+    }
+
+    fn check(&self, shared: &Shared) -> Result<(), (&'static str, String)> {
+        let (beta1, beta2) = (shared.optimizer.adam_beta1, shared.optimizer.adam_beta2);
+        if *self != EQUAL_BETAS || beta1 == beta2 {
+            return Ok(());
+        }
+        Err(("mitigations", format!("equal-betas: adam_beta1={beta1} and adam_beta2={beta2} differ")))
     }
 
     fn boxed(&self) -> Box<dyn Mitigation> {

@@ -6,7 +6,7 @@ use super::hooks::Mitigation;
 use super::patient::{Patient, Place};
 use crate::agent::engine::{LayerUnits, Units};
 use crate::agent::state::Kept;
-use crate::config::{Settings, Visitor, fraction, integer};
+use crate::config::{Settings, Visitor, below_one, fraction, integer};
 
 /// The lists that an agent keeps, `[U]` over the hidden units of all towers, and `DUE`, `[L]` over their layers.
 const UTILITY: &str = "continual-backprop/utility";
@@ -55,7 +55,7 @@ impl Settings for ContinualBackprop {
         v.field(
             "continual_backprop_decay",
             "decay of the running means of utility and activation",
-            &mut fraction(decay),
+            &mut below_one(decay),
         );
     }
 }

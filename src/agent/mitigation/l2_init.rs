@@ -83,7 +83,7 @@ impl Penalty for L2Init {
     fn add_to(&self, gradient: &mut [f32], agent: &mut AgentState) {
         let Some(first) = agent.kept.copies.get(FIRST) else { return };
         let away = |coefficient| bit_mlp::Pull { coefficient, anchor: Some(first), covered: Decayed::All };
-        let norm = bit_mlp::gradient_norms(&agent.parameters, gradient, away(1.0)).penalty;
+        let norm = away(1.0).norm(&agent.parameters);
         if norm > 0.0 {
             away(self.coefficient / f64::from(norm)).add_to(gradient, &agent.parameters);
         }

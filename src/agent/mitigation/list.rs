@@ -106,6 +106,11 @@ impl Mitigations {
     /// The key to change, and what is wrong and what is possible.
     pub fn check(&self, shared: &Shared) -> Result<(), (&'static str, String)> {
         self.iter().try_for_each(|mitigation| mitigation.check(shared))?;
+        let recycling: Vec<&str> = self.iter().filter(|m| m.reads_units()).map(|m| m.name()).collect();
+        if let [_, _, ..] = recycling[..] {
+            let problem = format!("{} cannot replace units at once: choose one of them", recycling.join(" and "));
+            return Err(("mitigations", problem));
+        }
         let pulling: Vec<&str> = self.iter().filter(|m| m.pull().is_some()).map(|m| m.name()).collect();
         match pulling[..] {
             [] | [_] => Ok(()),

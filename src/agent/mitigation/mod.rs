@@ -2,7 +2,7 @@
 //!
 //! A mitigation is its settings and its formula; it has no state of its own. What it must remember it keeps in the agent
 //! ([`Kept`](super::state::Kept)), so that checkpoints hold it and a killed run goes on with the same bits. It sees no
-//! engine: it names a [`Pull`](super::engine::Pull), or edits a [`Patient`].
+//! engine: it names a [`Pull`](super::engine::Pull) or a [`Penalty`](super::engine::Penalty), or edits a [`Patient`].
 
 mod adam_rel;
 mod adam_reset;

@@ -92,7 +92,8 @@ impl Penalty for ParsevalPenalty {
         let AgentState { parameters, kept, .. } = agent;
         let steps = kept.numbers.entry(NAME.to_owned()).or_insert(0);
         let kept = kept.lists.entry(NAME.to_owned()).or_default();
-        if steps.is_multiple_of(self.settings.interval) {
+        let len = self.layers.iter().map(|layer| layer.weight.len()).sum::<usize>();
+        if steps.is_multiple_of(self.settings.interval) || kept.len() != len {
             kept.clear();
             self.layers.iter().for_each(|layer| kept.extend_from_slice(self.gradient(parameters, layer).as_slice()));
         }

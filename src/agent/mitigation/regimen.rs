@@ -68,7 +68,8 @@ impl Regimen {
         norms
     }
 
-    /// Lets mitigations act after a gradient step of every seed.
+    /// Lets mitigations act after a gradient step of every seed. One whose gradient was not finite counts, too: the row of the
+    /// log ends the run.
     pub fn after_step(&mut self, engine: &mut dyn Engine) {
         if !self.counts_steps {
             return;

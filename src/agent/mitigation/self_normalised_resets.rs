@@ -47,11 +47,11 @@ impl Settings for SelfNormalisedResets {
         let doc = "percentile of a unit's own silences beyond which it is reset";
         v.field("self_normalised_resets_percentile", doc, &mut fraction(percentile));
         let doc = "silence, in gradient steps, after which a unit is reset at first";
-        v.field("self_normalised_resets_threshold", doc, &mut integer(threshold, 1..=10_000));
+        v.field("self_normalised_resets_threshold", doc, &mut integer(threshold, 1..=1000));
         let doc = "gradient steps between two changes of the thresholds";
         v.field("self_normalised_resets_interval", doc, &mut integer(interval, 1..=1_000_000_000));
         let doc = "longest silence that is counted, and largest threshold, in gradient steps";
-        v.field("self_normalised_resets_longest", doc, &mut integer(longest, 1..=10_000));
+        v.field("self_normalised_resets_longest", doc, &mut integer(longest, 1..=1000));
     }
 }
 
@@ -61,7 +61,7 @@ impl Mitigation for SelfNormalisedResets {
     }
 
     fn summary(&self) -> &'static str {
-        "units begin anew that are silent for longer than they use to be (Farias & Jozefiak 2025)"
+        "units that are silent for longer than usual begin anew (Farias & Jozefiak 2025)"
     }
 
     fn number(&self) -> u16 {
@@ -70,7 +70,11 @@ impl Mitigation for SelfNormalisedResets {
 
     fn check(&self, shared: &Shared) -> Result<(), (&'static str, String)> {
         if shared.activation == Activation::Relu {
-            return Ok(());
+            if self.threshold <= self.longest {
+                return Ok(());
+            }
+            let problem = format!("it is {}, above self_normalised_resets_longest={}", self.threshold, self.longest);
+            return Err(("self_normalised_resets_threshold", problem));
         }
         let is = shared.activation.name();
         Err((
@@ -92,12 +96,11 @@ impl Mitigation for SelfNormalisedResets {
         let longest = self.longest as usize;
         let lists = &mut patient.agent.kept.lists;
         let mut list = |name: &str, len: usize, value: f32| {
-            let mut list = lists.remove(name).unwrap_or_default();
-            list.resize(len, value);
-            list
+            // Lists of another length are of other settings.
+            lists.remove(name).filter(|list| list.len() == len).unwrap_or_else(|| vec![value; len])
         };
         let mut age = list(AGE, fired.len(), 0.0);
-        let mut threshold = list(THRESHOLD, fired.len(), self.threshold.min(self.longest) as f32);
+        let mut threshold = list(THRESHOLD, fired.len(), self.threshold as f32);
         let mut gaps = list(GAPS, fired.len() * longest, 0.0);
 
         let mut reset = Vec::new();

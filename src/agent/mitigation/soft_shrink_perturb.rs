@@ -4,12 +4,14 @@
 use super::hooks::Mitigation;
 use super::patient::Patient;
 use crate::agent::engine::Units;
+use crate::agent::shared::Shared;
 use crate::config::{Settings, Visitor, fraction, integer, non_negative};
 
 /// θ ← α·θ + β·θ′ for each gradient step, θ′ being parameters drawn as those of a new agent.
 ///
 /// To draw parameters takes longer than the step itself. So the N steps of an interval are made at once, at its end: the
-/// parameters are multiplied by αᴺ, and one θ′ is added with the weight that the sum of N has, √(β² + (αβ)² + …).
+/// parameters are multiplied by αᴺ, and one θ′ is added with the weight that the noise of N has, √(β² + (αβ)² + …). The scales
+/// of norms are no noise, but 1 in every θ′: they get β + αβ + … . N·(1 − α) may be 0.01 at most.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SoftShrinkPerturb {
     /// α.
@@ -58,11 +60,28 @@ impl Mitigation for SoftShrinkPerturb {
         step.is_multiple_of(self.interval)
     }
 
+    fn check(&self, _shared: &Shared) -> Result<(), (&'static str, String)> {
+        let shrinks_by = self.interval as f64 * (1.0 - self.shrink);
+        if self.interval == 1 || shrinks_by <= 0.010_001 {
+            return Ok(());
+        }
+        let most = (0.010_001 / (1.0 - self.shrink)).floor().max(1.0);
+        let problem = format!(
+            "with soft_shrink_perturb_alpha={} at most {most} gradient steps can be made at once, and not {}",
+            self.shrink, self.interval
+        );
+        Err(("soft_shrink_perturb_interval", problem))
+    }
+
     fn after_step(&self, patient: &mut Patient<'_>, _: &Units) {
-        let (shrink, perturb) = self.of_interval();
+        let Interval { kept, noise, mean } = self.of_interval();
         let new = patient.network.init(&mut patient.stream(self.number()));
-        for (parameter, new) in patient.agent.parameters.iter_mut().zip(new) {
-            *parameter = shrink * *parameter + perturb * new;
+        let parameters = &mut patient.agent.parameters;
+        for (parameter, new) in parameters.iter_mut().zip(new) {
+            *parameter = kept * *parameter + noise * new;
+        }
+        for norm in patient.network.hidden_blocks().filter_map(|block| block.norm.as_ref()) {
+            parameters[norm.scale.clone()].iter_mut().for_each(|scale| *scale += mean - noise);
         }
     }
 
@@ -71,13 +90,25 @@ impl Mitigation for SoftShrinkPerturb {
     }
 }
 
+/// What N steps at once are.
+struct Interval {
+    /// αᴺ.
+    kept: f32,
+    /// The weight of θ′ where it is noise.
+    noise: f32,
+    /// Its weight where it is always the same.
+    mean: f32,
+}
+
 impl SoftShrinkPerturb {
-    /// What an interval leaves of the parameters, and the weight of its θ′.
-    fn of_interval(&self) -> (f32, f32) {
-        let steps = self.interval as f64;
-        let kept = self.shrink.powf(steps);
-        // Σ α²ⁱ for i < N; where α is 1, N.
-        let squares = if self.shrink < 1.0 { (1.0 - kept * kept) / (1.0 - self.shrink * self.shrink) } else { steps };
-        (kept as f32, (self.perturb * squares.sqrt()) as f32)
+    fn of_interval(&self) -> Interval {
+        let (alpha, beta, steps) = (self.shrink, self.perturb, self.interval as f64);
+        let kept = alpha.powf(steps);
+        let (sum, squares) = if alpha < 1.0 {
+            ((1.0 - kept) / (1.0 - alpha), (1.0 - kept * kept) / (1.0 - alpha * alpha))
+        } else {
+            (steps, steps)
+        };
+        Interval { kept: kept as f32, noise: (beta * squares.sqrt()) as f32, mean: (beta * sum) as f32 }
     }
 }

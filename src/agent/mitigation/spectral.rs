@@ -74,7 +74,7 @@ impl Penalty for SpectralPenalty {
     fn add_to(&self, gradient: &mut [f32], agent: &mut AgentState) {
         let AgentState { parameters, kept, .. } = agent;
         let vectors = kept.lists.entry(VECTORS.to_owned()).or_default();
-        if vectors.is_empty() {
+        if vectors.len() != self.layers.iter().map(|layer| layer.width).sum::<usize>() {
             let begin = |layer: &Block| vec![1.0 / (layer.width as f32).sqrt(); layer.width];
             *vectors = self.layers.iter().flat_map(begin).collect();
         }

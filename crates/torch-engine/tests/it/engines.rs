@@ -49,8 +49,10 @@ fn settings(algo: &'static str) -> impl Strategy<Value = Setting> {
     let covers = prop::sample::select(vec!["all", "weights"]);
     let betas = prop::sample::select(vec![(0.9, 0.999), (0.99, 0.99), (0.0, 0.5)]);
     let optimizer = (l2, covers, betas, 1e-3..0.5, 0.05..5.0, 0.8..1.0);
+    let mitigations = prop::sample::select(vec!["", "parseval, spectral"]);
     let seeds = (1..4_u64, any::<u64>());
-    (level, network, optimizer, seeds).prop_filter_map("no such level", move |(level, network, optimizer, seeds)| {
+    let parts = (level, network, optimizer, mitigations, seeds);
+    parts.prop_filter_map("no such level", move |(level, network, optimizer, mitigations, seeds)| {
         let (height, width, wall_density, num_targets, seed) = level;
         let level = LevelSpec { height, width, wall_density, num_targets, seed }.generate().ok()?;
         let (l2, covers, (beta1, beta2), coef, max_grad_norm, gamma) = optimizer;
@@ -67,6 +69,7 @@ fn settings(algo: &'static str) -> impl Strategy<Value = Setting> {
             format!("gamma={gamma}"),
             format!("adam_beta1={beta1}"),
             format!("adam_beta2={beta2}"),
+            format!("mitigations=[{mitigations}]"),
             // Where a gradient vanishes but for rounding, Adam's step is the sign of that rounding unless ε is larger.
             "adam_eps=1e-3".to_owned(),
             "learning_rate=1e-2".to_owned(),
