@@ -715,7 +715,7 @@ const ACTING: [(&str, &[&str]); 26] = [
 fn a_mitigated_agent_goes_on_with_the_same_bits() {
     let small = ["hidden=[6]", "max_steps=10", "learning_rate=1e-2"];
     let ppo = ["n_steps=32", "batch_size=8", "n_epochs=2"];
-    let dqn = ["batch_size=4", "buffer_size=200", "learning_starts=10", "target_update_interval=50"];
+    let dqn = ["train_freq=16", "batch_size=4", "buffer_size=200", "learning_starts=10", "target_update_interval=50"];
     let mut trained = Vec::new();
     for (mitigation, acting) in ACTING {
         for (algo, own) in [("ppo", &ppo[..]), ("dqn", &dqn[..])] {
@@ -760,7 +760,6 @@ fn a_mitigation_that_does_nothing_changes_nothing() {
                 "self_normalised_resets_threshold=1000",
                 "self_normalised_resets_longest=1000",
                 "self_normalised_resets_interval=1000000",
-                "train_freq=16",
             ],
         ),
         ("ppo", "weight-clipping", &["weight_clipping_kappa=1e9"]),
@@ -774,8 +773,12 @@ fn a_mitigation_that_does_nothing_changes_nothing() {
     for (algo, name, acting) in nothing {
         let mut sets = vec!["hidden=[6]".to_owned(), "max_steps=10".to_owned()];
         sets.extend(
-            if algo == "ppo" { ["n_steps=32", "batch_size=8"] } else { ["batch_size=4", "learning_starts=10"] }
-                .map(str::to_owned),
+            if algo == "ppo" {
+                ["n_steps=32", "batch_size=8", "n_epochs=2"]
+            } else {
+                ["batch_size=4", "learning_starts=10", "train_freq=16"]
+            }
+            .map(str::to_owned),
         );
         let plain = config::resolve(Some(algo), None, &sets, None).expect("valid settings");
         sets.push(format!("mitigations=[{name}]"));
