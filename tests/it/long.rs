@@ -349,3 +349,27 @@ fn many_levels_are_trained_reported_and_compared() {
         assert_eq!((row["stages"].as_str(), row["seeds"].as_str()), ("12", "3"));
     }
 }
+
+/// The whole way, with what the program makes at this moment.
+#[test]
+fn a_long_study_is_trained_reported_and_judged() {
+    let sandbox = Sandbox::new();
+    sandbox.write(
+        "small.yaml",
+        "name: small\n\
+         levels: {generate: {height: 3, width: 4, wall_density: 0.1, targets: 2, count: 7, seed: 0}}\n\
+         sequence: {shift: by-seed, timesteps: 256}\n\
+         arms:\n\
+         - {config: ppo.yaml, set: [name=base], trains: [curriculum, from scratch]}\n\
+         - {config: ppo.yaml, set: [name=base-head, \"mitigations=[head-rescale]\"], trains: [curriculum]}\n",
+    );
+    sandbox.succeeds("study small.yaml --num-seeds 3 --plasticity-interval 128 --jobs 2");
+    sandbox.succeeds("compare runs/small --out report");
+    let Some(tables) = tables(&sandbox, &sandbox.path("report/seeds.csv")) else { return };
+    let of = |arm: &str| tables["positions"].iter().filter(|row| row["arm"] == arm).count();
+    // Area and loss at each of seven positions; new agents have the area alone.
+    assert_eq!((of("base"), of("base-head"), of("base (from scratch)")), (14, 14, 7));
+    let contrasts = ["base-head - base", "base-head - from scratch"];
+    assert!(contrasts.iter().all(|name| tables["long"].iter().any(|row| row["arm or contrast"] == *name)));
+    assert!(tables["measures"].iter().any(|row| row["arm"] == "base-head" && row["stages"] == "18"));
+}
