@@ -56,12 +56,18 @@ class Ranked:
         return list(map(add, self.first(until), self.end(until)))
 
 
-def _spearman(counts: list[int], one: list[int], other: list[int]) -> float | None:
-    """Of values that are there so many times, by their `Ranked.ranks`; none where either is the same throughout."""
-    cube = sum(counts) ** 3
-    weighted, weighted_other = list(map(mul, counts, one)), map(mul, counts, other)
-    spread = (sum(map(mul, weighted, one)) - cube) * (sum(map(mul, weighted_other, other)) - cube)
-    return (sum(map(mul, weighted, other)) - cube) / math.sqrt(spread) if spread else None
+class Weighted:
+    """Ranks of values that are there so many times, by their `Ranked.ranks`."""
+
+    def __init__(self, counts: list[int], ranks: list[int]) -> None:
+        self.cube = sum(counts) ** 3
+        self.weighted = list(map(mul, counts, ranks))
+        self.spread = sum(map(mul, self.weighted, ranks)) - self.cube
+
+    def spearman(self, counts: list[int], other: list[int]) -> float | None:
+        """With other ranks of as many values; none where either is the same throughout."""
+        spread = self.spread * (sum(map(mul, map(mul, counts, other), other)) - self.cube)
+        return (sum(map(mul, self.weighted, other)) - self.cube) / math.sqrt(spread) if spread else None
 
 
 def correlations(
@@ -73,16 +79,17 @@ def correlations(
     owner = itemgetter(*(names.index(seed) for seed in seeds))
     area, ranked = Ranked(areas), {name: Ranked(values) for name, values in measured.items()}
     once = [1] * len(seeds)
-    found = {name: _spearman(once, of.ranks(once), area.ranks(once)) for name, of in ranked.items()}
+    of_area = Weighted(once, area.ranks(once))
+    found = {name: of_area.spearman(once, of.ranks(once)) for name, of in ranked.items()}
     drawn: dict[str, list[float | None]] = {name: [] for name, value in found.items() if value is not None}
     for [taken] in n.draws((len(names),), RESAMPLES) if drawn and len(names) > 1 else []:
         times = [0] * len(names)
         for place in taken:
             times[place] += 1
         counts = owner(times)
-        of_area = area.ranks(counts)
+        of_area = Weighted(counts, area.ranks(counts))
         for name, values in drawn.items():
-            values.append(_spearman(counts, ranked[name].ranks(counts), of_area))
+            values.append(of_area.spearman(counts, ranked[name].ranks(counts)))
     for name, value in found.items():
         distribution = drawn.get(name)
         yield name, value, n.percentile(distribution) if distribution and None not in distribution else None
