@@ -6,10 +6,10 @@ import re
 from html import escape
 
 from .forks import Contrast
+from .svg import COLOURS, sheet
 
 ROW, LABELS, PANEL, GAP, TOP = 22, 320, 300, 24, 62
 LOW, HIGH = -0.75, 1.75
-COLOURS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7"]
 
 
 def _label(treatment: str) -> str:
@@ -24,11 +24,7 @@ def figure(pooled: dict[str, list[Contrast]], by_switch: dict[str, list[Contrast
     switches = sorted({c.switch for contrasts in by_switch.values() for c in contrasts})
     height = TOP + ROW * len(treatments) + 44
     width = LABELS + len(pooled) * (PANEL + GAP)
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" viewBox="0 0 {width} {height}" '
-        'font-family="sans-serif" font-size="12"><rect width="100%" height="100%" fill="white"/>',
-        '<text x="10" y="18" font-size="14">Share of the lost area that each treatment at a switch gives back</text>',
-    ]
+    parts = []
     for place, switch in enumerate(switches):
         x = LABELS + 110 * place
         parts.append(f'<circle cx="{x}" cy="34" r="3" fill="{COLOURS[place % len(COLOURS)]}"/><text x="{x + 8}" y="38">after stage {switch}</text>')
@@ -41,7 +37,7 @@ def figure(pooled: dict[str, list[Contrast]], by_switch: dict[str, list[Contrast
         parts.append(f'<text x="{LABELS - 10}" y="{TOP + ROW * row + 16}" text-anchor="end">{escape(treatment)}</text>')
     for panel, (name, contrasts) in enumerate(pooled.items()):
         parts += _panel(panel, name, contrasts, by_switch.get(name, []), treatments, switches)
-    return "\n".join([*parts, "</svg>\n"])
+    return sheet(width, height, "Share of the lost area that each treatment at a switch gives back", parts)
 
 
 def _panel(

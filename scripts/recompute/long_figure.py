@@ -7,9 +7,9 @@ from html import escape
 
 from .arms import estimate
 from .long import Algorithm
+from .svg import COLOURS, sheet
 
 WIDTH, PANEL, LEFT, TOP, GAP = 760, 260, 60, 44, 56
-COLOURS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7"]
 
 Point = tuple[float, float]
 
@@ -17,14 +17,9 @@ Point = tuple[float, float]
 def figure(algorithms: list[Algorithm]) -> str:
     """A panel for each algorithm, a line for each arm: the mean loss by position, with its interval as a band."""
     height = TOP + len(algorithms) * (PANEL + GAP)
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{height}" viewBox="0 0 {WIDTH} {height}" '
-        'font-family="sans-serif" font-size="12"><rect width="100%" height="100%" fill="white"/>',
-        '<text x="10" y="18" font-size="14">Area of a new agent minus that of one with a past, with 95% intervals</text>',
-    ]
-    for place, algorithm in enumerate(algorithms):
-        parts += _panel(algorithm, TOP + place * (PANEL + GAP))
-    return "\n".join([*parts, "</svg>\n"])
+    panels = [_panel(algorithm, TOP + place * (PANEL + GAP)) for place, algorithm in enumerate(algorithms)]
+    title = "Area of a new agent minus that of one with a past, with 95% intervals"
+    return sheet(WIDTH, height, title, [part for panel in panels for part in panel])
 
 
 def _panel(algorithm: Algorithm, top: float) -> list[str]:

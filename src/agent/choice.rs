@@ -50,6 +50,13 @@ pub fn sample(logits: &[f32], u: f32) -> Action {
     Action::ALL[3]
 }
 
+/// ln softmax of four logits.
+pub fn log_softmax(logits: &[f32]) -> [f32; Action::COUNT] {
+    let largest = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    let sum: f32 = logits.iter().map(|z| (z - largest).exp()).sum();
+    std::array::from_fn(|a| logits[a] - largest - sum.ln())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

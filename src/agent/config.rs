@@ -7,7 +7,7 @@ use coverage_env::Level;
 use serde_json::{Map, Value};
 
 use super::algorithm::Algorithm;
-use super::engine::Parts;
+use super::engine::{Parts, Toward};
 use super::mitigation::{Brought, Listed, Mitigations, Regimen};
 use super::network::{Head, Network};
 use super::registry;
@@ -118,10 +118,12 @@ impl Config {
 
     /// Refuses a listed mitigation whose settings are another method's.
     fn check_brought(&self) -> Result<(), (&'static str, String)> {
-        let settings = self.to_json();
-        for (name, Brought { key, value, is_dose }) in self.mitigations.brought(&Mitigations::new(&[])) {
+        let brought = self.mitigations.brought(&Mitigations::new(&[]));
+        let mut fixed = brought.into_iter().filter(|(_, brought)| !brought.is_dose).peekable();
+        let settings = fixed.peek().map(|_| self.to_json()).unwrap_or_default();
+        for (name, Brought { key, value, .. }) in fixed {
             let is = settings.get(key).map(Value::to_string).unwrap_or_default();
-            if !is_dose && is.trim_matches('"') != value {
+            if is.trim_matches('"') != value {
                 let problem = format!("the mitigation {name} is {key}={value}, and cannot be listed with {key}={is}");
                 return Err((key, problem));
             }
@@ -178,17 +180,20 @@ impl Config {
     }
 
     /// The mitigations at work on these agents in a stage.
-    pub fn regimen<'a>(&self, stage: &Stage, agents: impl Iterator<Item = &'a AgentState> + Clone) -> Regimen {
+    pub fn regimen<'a>(&self, stage: &Stage, agents: impl Iterator<Item = &'a AgentState>) -> Regimen {
         let network = self.network(&stage.level);
         let copies = self.algorithm.copies();
         let outputs = self.algorithm.outputs();
         Regimen::new(&self.mitigations, &self.shared.optimizer, network, copies, outputs, stage.index, agents)
     }
 
-    /// The copies of its parameters that an agent carries in a stage, by name: the algorithm's, and the mitigations'.
+    /// The copies of its parameters that an agent carries in a stage, by name: the algorithm's, and what a pull draws to.
     pub fn copies(&self) -> Vec<&'static str> {
-        let of_mitigations = self.mitigations.iter().flat_map(|mitigation| mitigation.copies());
-        self.algorithm.copies().iter().chain(of_mitigations).copied().collect()
+        let drawn_to = self.mitigations.pull().and_then(|pull| match pull.toward {
+            Toward::Zero(_) => None,
+            Toward::Copy { name, .. } => Some(name),
+        });
+        self.algorithm.copies().iter().copied().chain(drawn_to).collect()
     }
 
     /// What an engine is made of, for these agents on maps of this level's size.

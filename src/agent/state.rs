@@ -95,10 +95,25 @@ impl AgentState {
         }
     }
 
+    /// Makes the copies of these names equal to the parameters.
+    pub fn renew(&mut self, copies: &[&str]) {
+        for (_, copy) in self.kept.copies.iter_mut().filter(|(name, _)| copies.contains(&name.as_str())) {
+            copy.clone_from(&self.parameters);
+        }
+    }
+
     /// The parameters, and the copies of these names, `[P]` each.
     fn slices<'a>(&'a mut self, copies: &[&str]) -> impl Iterator<Item = &'a mut Vec<f32>> {
         let named = self.kept.copies.iter_mut().filter(|(name, _)| copies.contains(&name.as_str()));
         named.map(|(_, copy)| copy).chain([&mut self.parameters])
+    }
+}
+
+impl Kept {
+    /// Takes out the list of this name; where there is none, or one of another length, which is of other settings, it is
+    /// `value` throughout.
+    pub fn take_list(&mut self, name: &str, len: usize, value: f32) -> Vec<f32> {
+        self.lists.remove(name).filter(|list| list.len() == len).unwrap_or_else(|| vec![value; len])
     }
 }
 

@@ -125,11 +125,8 @@ impl Treatment {
                 agent.scale(&tensor.range, *factor as f32, &copies);
             }
         }
-        for (name, copy) in &mut agent.kept.copies {
-            if self.copies.get(name) == Some(&OfCopy::Renew) {
-                copy.clone_from(&agent.parameters);
-            }
-        }
+        let renewed = self.copies.iter().filter(|(_, of_copy)| **of_copy == OfCopy::Renew);
+        agent.renew(&renewed.map(|(name, _)| name.as_str()).collect::<Vec<&str>>());
         match &self.optimizer {
             Parts::All => agent.adam = AdamState::new(agent.parameters.len()),
             parts => {

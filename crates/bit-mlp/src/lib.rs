@@ -66,7 +66,7 @@ mod mlp;
 mod norm;
 mod packed;
 mod pull;
-mod rank_one;
+mod vectors;
 mod workspace;
 
 pub use activation::tanh_in_place;
@@ -76,7 +76,7 @@ pub use block::{Activation, Block, Norm, Place, Shape};
 pub use forward::Prepared;
 pub use mlp::Mlp;
 pub use pull::{GradientNorms, Pull, gradient_norms};
-pub use rank_one::{add_outer, there_and_back};
+pub use vectors::{add, add_outer, norm, there_and_back};
 pub use workspace::{Activations, Workspace};
 
 /// The instruction set used on this machine: `avx512`, `avx2`, `neon` or `plain`.

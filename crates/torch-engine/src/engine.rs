@@ -88,14 +88,20 @@ impl TorchEngine {
         }
     }
 
-    /// λ(θ − anchor) of the covered parameters, `[S, P]`.
+    /// λ(θ − anchor) of the covered parameters, divided by its norm where the distance is not squared, `[S, P]`.
     fn pull_gradient(&self, pull: &Pull) -> Tensor {
         let theta = self.parameters.detach();
         let away = match pull.toward {
-            Toward::Zero(_) => theta,
-            Toward::Copy(name) => theta - &self.copies[name],
+            Toward::Zero(_) => theta * &self.covered,
+            Toward::Copy { name, .. } => (theta - &self.copies[name]) * &self.covered,
         };
-        pull.coefficient * away * &self.covered
+        match pull.toward {
+            // Where there is no distance, there is no gradient.
+            Toward::Copy { is_squared: false, .. } => {
+                pull.coefficient * &away / norms(&away).clamp_min(f64::from(f32::MIN_POSITIVE))
+            }
+            _ => pull.coefficient * away,
+        }
     }
 
     /// One step of clipped Adam down the gradient of each seed's `loss`, `[S]`; returns the norms before clipping.
@@ -106,7 +112,7 @@ impl TorchEngine {
         let mut gradient = gradients[0].shallow_clone();
         let pull = self.pull.clone();
         let toward = |wanted: &dyn Fn(Toward) -> bool| pull.as_ref().filter(|pull| wanted(pull.toward));
-        if let Some(pull) = toward(&|toward| matches!(toward, Toward::Copy(_))) {
+        if let Some(pull) = toward(&|toward| matches!(toward, Toward::Copy { .. })) {
             gradient += self.pull_gradient(pull);
         }
         self.penalise(&mut gradient);

@@ -49,7 +49,7 @@ pub struct Parts {
     pub agents: Vec<AgentState>,
 }
 
-/// A quadratic penalty ½λ‖θ − c‖².
+/// A penalty on the distance of the parameters to a point c: ½λ‖θ − c‖², or λ‖θ − c‖.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pull {
     /// What c is.
@@ -72,8 +72,13 @@ pub trait Penalty: Debug + Send + Sync {
 pub enum Toward {
     /// To 0, entering here.
     Zero(Entry),
-    /// To the [copy](crate::agent::state::Kept::copies) of this name, as part of the loss. Every agent must have it.
-    Copy(&'static str),
+    /// To a [copy](crate::agent::state::Kept::copies), as part of the loss. Every agent must have it.
+    Copy {
+        /// Its name.
+        name: &'static str,
+        /// Whether the distance is squared, and halved.
+        is_squared: bool,
+    },
 }
 
 /// Where a penalty enters.

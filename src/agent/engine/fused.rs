@@ -15,9 +15,6 @@ use crate::agent::state::{AdamState, AgentState};
 /// Samples of one forward pass; keeps its working memory in the cache.
 const FORWARD_BATCH: usize = 256;
 
-/// Adds its second slice to its first.
-const AS_IT_IS: bit_mlp::Pull<'static> = bit_mlp::Pull { coefficient: 1.0, anchor: None, covered: Decayed::All };
-
 /// A pull that draws nothing.
 const NO_PULL: bit_mlp::Pull<'static> = bit_mlp::Pull { coefficient: 0.0, anchor: None, covered: Decayed::All };
 
@@ -97,7 +94,7 @@ impl FusedPull {
             Toward::Zero(Entry::Decoupled) => Decay::Decoupled(coefficient),
             Toward::Zero(Entry::InAdam) => Decay::Coupled(coefficient),
             Toward::Zero(Entry::InLoss) => Decay::InLoss(coefficient),
-            Toward::Copy(_) => Decay::None,
+            Toward::Copy { .. } => Decay::None,
         }
     }
 
@@ -105,13 +102,15 @@ impl FusedPull {
         self.covered.as_deref().map_or(Decayed::All, Decayed::Only)
     }
 
-    /// The penalty for this agent.
+    /// The penalty for this agent, by the quadratic one that has the same gradient at its parameters.
     fn of<'a>(&'a self, agent: &'a AgentState) -> bit_mlp::Pull<'a> {
-        let anchor = match self.pull.toward {
-            Toward::Zero(_) => None,
-            Toward::Copy(name) => Some(agent.kept.copies[name].as_slice()),
-        };
-        bit_mlp::Pull { coefficient: self.pull.coefficient, anchor, covered: self.covered() }
+        let quadratic = |coefficient, anchor| bit_mlp::Pull { coefficient, anchor, covered: self.covered() };
+        let lambda = self.pull.coefficient;
+        let Toward::Copy { name, is_squared } = self.pull.toward else { return quadratic(lambda, None) };
+        let anchor = Some(agent.kept.copies[name].as_slice());
+        let distance = if is_squared { 1.0 } else { quadratic(1.0, anchor).norm(&agent.parameters) };
+        // Where there is no distance, there is no gradient.
+        quadratic(if distance > 0.0 { lambda / f64::from(distance) } else { 0.0 }, anchor)
     }
 }
 
@@ -238,14 +237,14 @@ impl Seed {
             further.resize(gradient.len(), 0.0);
             mlp.backward(&agent.parameters, inputs, d_outputs, workspace, further);
             let range = mlp.range();
-            AS_IT_IS.add_to(&mut gradient[range.clone()], &further[range]);
+            bit_mlp::add(&mut gradient[range.clone()], &further[range]);
         }
     }
 
     /// Adds to the gradient what Adam's step does not.
     fn penalise(&mut self, pull: Option<&FusedPull>, penalties: &[Arc<dyn Penalty>]) {
         let Self { agent, gradient, .. } = self;
-        if let Some(pull) = pull.filter(|pull| matches!(pull.pull.toward, Toward::Copy(_))) {
+        if let Some(pull) = pull.filter(|pull| matches!(pull.pull.toward, Toward::Copy { .. })) {
             pull.of(agent).add_to(gradient, &agent.parameters);
         }
         penalties.iter().for_each(|penalty| penalty.add_to(gradient, agent));

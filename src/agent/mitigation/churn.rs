@@ -1,12 +1,11 @@
 //! Churn reduction, C-CHAIN (Tang et al. 2025, "Mitigating Plasticity Loss in Continual Reinforcement Learning by Reducing
 //! Churn").
 
-use std::collections::VecDeque;
-
 use bit_mlp::BitBatch;
 
-use super::hooks::Mitigation;
+use super::hooks::{Descent, Mitigation, Surroundings};
 use super::patient::Patient;
+use crate::agent::choice::log_softmax;
 use crate::agent::engine::{Engine, Loss, Pass, Statement, Weights};
 use crate::agent::network::Outputs;
 use crate::agent::state::{AgentState, Kept};
@@ -112,20 +111,23 @@ impl Mitigation for Churn {
         false
     }
 
+    fn descent(&self, stage: u16, outputs: Outputs, agents: &[&AgentState]) -> Option<Box<dyn Descent>> {
+        Some(Box::new(Churning::new(self, outputs, stage, agents)))
+    }
+
     fn boxed(&self) -> Box<dyn Mitigation> {
         Box::new(self.clone())
     }
 }
 
 impl Churn {
-    /// c, given what an agent keeps.
-    pub fn coefficient(&self, outputs: Outputs, kept: &Kept) -> f64 {
+    /// c, given what was measured.
+    pub fn coefficient(&self, outputs: Outputs, records: &ChurnRecords) -> f64 {
         let Scaling { coefficient, scale, least } = match outputs {
             Outputs::Logits => &self.policy,
             Outputs::Values => &self.values,
         };
-        let list = |name| kept.lists.get(name).map_or(&[][..], Vec::as_slice);
-        let (losses, churns) = (list(LOSSES), list(CHURNS));
+        let ChurnRecords { losses, churns } = records;
         if churns.len() < self.warm_up {
             return *coefficient;
         }
@@ -136,22 +138,39 @@ impl Churn {
         (scale * mean(losses) / (mean(churns) + 1e-8)).max(*least)
     }
 
-    /// Notes a row's mean loss and mean churn in what an agent keeps.
-    pub fn note(&self, kept: &mut Kept, loss: f64, churn: f64) {
-        for (name, value) in [(LOSSES, loss), (CHURNS, churn)] {
-            let mut list = VecDeque::from(kept.lists.remove(name).unwrap_or_default());
-            list.push_back(value as f32);
-            while list.len() > self.window.max(self.warm_up) {
-                list.pop_front();
-            }
-            kept.lists.insert(name.to_owned(), list.into());
+    /// Notes a row's mean loss and mean churn.
+    pub fn note(&self, records: &mut ChurnRecords, loss: f64, churn: f64) {
+        for (list, value) in [(&mut records.losses, loss), (&mut records.churns, churn)] {
+            list.push(value as f32);
+            list.drain(..list.len().saturating_sub(self.window.max(self.warm_up)));
+        }
+    }
+}
+
+/// The mean loss and the mean churn of the last rows of the log, the oldest first.
+#[derive(Clone, Debug, Default)]
+pub struct ChurnRecords {
+    losses: Vec<f32>,
+    churns: Vec<f32>,
+}
+
+impl ChurnRecords {
+    /// Those that an agent keeps.
+    fn of(kept: &Kept) -> Self {
+        let list = |name| kept.lists.get(name).cloned().unwrap_or_default();
+        Self { losses: list(LOSSES), churns: list(CHURNS) }
+    }
+
+    fn keep(&self, kept: &mut Kept) {
+        for (name, list) in [(LOSSES, &self.losses), (CHURNS, &self.churns)] {
+            kept.lists.insert(name.to_owned(), list.clone());
         }
     }
 }
 
 /// Churn reduction at work on S seeds.
 #[derive(Debug)]
-pub(super) struct Churning {
+struct Churning {
     churn: Churn,
     outputs: Outputs,
     stage: u16,
@@ -163,8 +182,8 @@ pub(super) struct Churning {
 struct Seed {
     seed: u64,
     coefficient: f64,
-    /// Its lists; an engine's save writes those of the stage's beginning over an agent's.
-    records: Kept,
+    /// They are not read from the agent again: an engine's save writes those of the stage's beginning there.
+    records: ChurnRecords,
     /// States for the next step, and what the network gives for them now, `[B, 4]`.
     next: Option<(BitBatch, Vec<f32>)>,
     loss: f64,
@@ -173,73 +192,60 @@ struct Seed {
 }
 
 impl Churning {
-    pub(super) fn new<'a>(
-        churn: &Churn,
-        outputs: Outputs,
-        stage: u16,
-        agents: impl Iterator<Item = &'a AgentState>,
-    ) -> Self {
-        let seed = |agent: &AgentState| Seed {
-            seed: agent.seed,
-            coefficient: churn.coefficient(outputs, &agent.kept),
-            records: Kept {
-                lists: [LOSSES, CHURNS]
-                    .into_iter()
-                    .filter_map(|name| Some((name.to_owned(), agent.kept.lists.get(name)?.clone())))
-                    .collect(),
-                ..Kept::default()
-            },
-            next: None,
-            loss: 0.0,
-            distance: 0.0,
-            steps: 0,
+    fn new(churn: &Churn, outputs: Outputs, stage: u16, agents: &[&AgentState]) -> Self {
+        let seed = |agent: &&AgentState| {
+            let records = ChurnRecords::of(&agent.kept);
+            let coefficient = churn.coefficient(outputs, &records);
+            Seed { seed: agent.seed, coefficient, records, next: None, loss: 0.0, distance: 0.0, steps: 0 }
         };
-        Self { seeds: agents.map(seed).collect(), churn: churn.clone(), outputs, stage }
+        Self { seeds: agents.iter().map(seed).collect(), churn: churn.clone(), outputs, stage }
     }
 
-    /// One step per seed down its loss and the churn. `steps` are the gradient steps made so far; `draw` draws a seed's
-    /// states with a stream.
-    pub(super) fn descend<'a>(
+    /// States for the next step of each seed, half as many as its minibatch has by default.
+    fn draw(&self, losses: &[&mut dyn Loss<'_>], surroundings: &Surroundings<'_>) -> Vec<BitBatch> {
+        let of_seed = |(s, (loss, seed)): (usize, (&&mut dyn Loss<'_>, &Seed))| {
+            let samples = loss.passes().first().map_or(0, |pass| pass.inputs.len());
+            let count = (self.churn.share * samples as f64).ceil() as usize;
+            let purpose = Purpose::Mitigation { number: self.churn.number(), step: surroundings.steps[s] as u32 };
+            (surroundings.draw)(s, count, &mut Stream::new(seed.seed, self.stage, purpose))
+        };
+        losses.iter().zip(&self.seeds).enumerate().map(of_seed).collect()
+    }
+
+    /// One step down each loss and the churn on the states that were drawn for it.
+    fn step<'a>(
         &mut self,
         engine: &mut dyn Engine,
         losses: &mut [&mut dyn Loss<'a>],
-        steps: &[u64],
-        draw: &dyn Fn(usize, usize, &mut Stream) -> BitBatch,
+        held: &[(BitBatch, Vec<f32>)],
     ) -> Vec<f32> {
-        let number = self.churn.number();
-        let states: Vec<BitBatch> = losses
-            .iter()
-            .enumerate()
-            .map(|(s, loss)| {
-                let samples = loss.passes().first().map_or(0, |pass| pass.inputs.len());
-                let count = (self.churn.share * samples as f64).ceil() as usize;
-                let purpose = Purpose::Mitigation { number, step: steps[s] as u32 };
-                draw(s, count, &mut Stream::new(self.seeds[s].seed, self.stage, purpose))
+        let outputs = self.outputs;
+        let each = losses.iter_mut().zip(held).zip(&self.seeds);
+        let mut churned: Vec<WithChurn<'_, 'a>> = each
+            .map(|((loss, (states, before)), seed)| {
+                let coefficient = seed.coefficient as f32;
+                WithChurn { inner: &mut **loss, states, before, outputs, coefficient, distance: 0.0 }
             })
             .collect();
+        let norms = engine.descend(&mut churned.iter_mut().map(|l| l as _).collect::<Vec<&mut dyn Loss<'_>>>());
+        for (seed, churned) in self.seeds.iter_mut().zip(churned) {
+            seed.loss += f64::from(churned.inner.of_acting());
+            seed.distance += f64::from(churned.distance);
+            seed.steps += 1;
+        }
+        norms
+    }
+}
+
+impl Descent for Churning {
+    fn descend(&mut self, losses: &mut [&mut dyn Loss<'_>], surroundings: Surroundings<'_>) -> Vec<f32> {
+        let states = self.draw(losses, &surroundings);
+        let engine = surroundings.engine;
         let now = engine.forward(0, &states.iter().collect::<Vec<_>>());
-        let held = self.seeds.iter_mut().map(|seed| seed.next.take()).collect::<Option<Vec<_>>>();
-        let norms = match &held {
+        let held: Option<Vec<_>> = self.seeds.iter_mut().map(|seed| seed.next.take()).collect();
+        let norms = match held {
+            Some(held) => self.step(engine, losses, &held),
             None => engine.descend(losses),
-            Some(held) => {
-                let outputs = self.outputs;
-                let mut churned: Vec<WithChurn<'_, 'a>> = losses
-                    .iter_mut()
-                    .zip(held)
-                    .zip(&self.seeds)
-                    .map(|((loss, (states, before)), seed)| {
-                        let coefficient = seed.coefficient as f32;
-                        WithChurn { inner: &mut **loss, states, before, outputs, coefficient, distance: 0.0 }
-                    })
-                    .collect();
-                let norms = engine.descend(&mut churned.iter_mut().map(|l| l as _).collect::<Vec<&mut dyn Loss<'_>>>());
-                for (seed, churned) in self.seeds.iter_mut().zip(churned) {
-                    seed.loss += f64::from(churned.inner.of_acting());
-                    seed.distance += f64::from(churned.distance);
-                    seed.steps += 1;
-                }
-                norms
-            }
         };
         for ((seed, states), now) in self.seeds.iter_mut().zip(states).zip(now) {
             seed.next = Some((states, now));
@@ -247,21 +253,17 @@ impl Churning {
         norms
     }
 
-    /// Ends a row of the log: what was measured goes into the agent, and c follows it.
-    pub(super) fn save(&mut self, seed: usize, agent: &mut AgentState) {
-        let seed = &mut self.seeds[seed];
+    fn save(&mut self, seed: usize, agent: &mut AgentState) {
+        let Self { churn, outputs, seeds, .. } = self;
+        let seed = &mut seeds[seed];
         seed.next = None;
         if seed.steps > 0 {
             let share = 1.0 / f64::from(seed.steps);
-            self.churn.note(&mut seed.records, share * seed.loss, share * seed.distance);
+            churn.note(&mut seed.records, share * seed.loss, share * seed.distance);
         }
         (seed.loss, seed.distance, seed.steps) = (0.0, 0.0, 0);
-        seed.coefficient = self.churn.coefficient(self.outputs, &seed.records);
-        for name in [LOSSES, CHURNS] {
-            if let Some(list) = seed.records.lists.get(name) {
-                agent.kept.lists.insert(name.to_owned(), list.clone());
-            }
-        }
+        seed.coefficient = churn.coefficient(*outputs, &seed.records);
+        seed.records.keep(&mut agent.kept);
     }
 }
 
@@ -319,13 +321,7 @@ impl<'r, 'a: 'r> Loss<'r> for WithChurn<'r, 'a> {
 
 /// −Σ π_old ln(π + 10⁻⁸) and its slope with respect to the logits of π, where the 10⁻⁸ is left out.
 fn of_policies(now: &[f32], before: &[f32]) -> (f32, [f32; ACTIONS]) {
-    let probabilities = |logits: &[f32]| {
-        let largest = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        let weights: [f32; ACTIONS] = std::array::from_fn(|a| (logits[a] - largest).exp());
-        let sum: f32 = weights.iter().sum();
-        weights.map(|weight| weight / sum)
-    };
-    let (now, before) = (probabilities(now), probabilities(before));
+    let [now, before] = [now, before].map(|logits| log_softmax(logits).map(f32::exp));
     let distance = -now.iter().zip(&before).map(|(p, old)| old * (p + 1e-8).ln()).sum::<f32>();
     (distance, std::array::from_fn(|a| now[a] - before[a]))
 }

@@ -197,11 +197,7 @@ impl Records {
     /// Takes them out of the agent; new ones where there are none.
     fn take(kept: &mut Kept, layers: &[Layer<'_>]) -> Self {
         let (units, values) = layers.last().map_or((0, 0), |last| (last.units.end, last.values.end));
-        let mut list = |name, len| {
-            let mut list = kept.lists.remove(name).unwrap_or_default();
-            list.resize(len, 0.0);
-            list
-        };
+        let mut list = |name, len| kept.take_list(name, len, 0.0);
         Self {
             utility: list(UTILITY, units),
             mean: list(MEAN, values),

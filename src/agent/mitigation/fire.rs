@@ -53,11 +53,7 @@ impl Mitigation for Fire {
             let scale = (block.width as f64 / block.inputs as f64).sqrt();
             weight.iter_mut().zip(isometry.iter()).for_each(|(weight, x)| *weight = (scale * x) as f32);
         }
-        for (_, copy) in
-            patient.agent.kept.copies.iter_mut().filter(|(name, _)| patient.copies.contains(&name.as_str()))
-        {
-            copy.clone_from(&patient.agent.parameters);
-        }
+        patient.agent.renew(patient.copies);
     }
 
     fn boxed(&self) -> Box<dyn Mitigation> {

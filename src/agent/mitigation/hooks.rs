@@ -4,13 +4,17 @@ use std::any::Any;
 use std::fmt::Debug;
 use std::sync::Arc;
 
+use bit_mlp::BitBatch;
+
 use super::patient::Patient;
-use crate::agent::engine::{GradientNorms, Penalty, Pull, Units};
+use crate::agent::engine::{Engine, GradientNorms, Loss, Penalty, Pull, Units};
 use crate::agent::learner::Metrics;
-use crate::agent::network::Network;
+use crate::agent::network::{Network, Outputs};
 use crate::agent::optimizer::OptimizerConfig;
 use crate::agent::shared::Shared;
+use crate::agent::state::AgentState;
 use crate::config::Settings;
+use crate::random::Stream;
 
 /// A setting that a mitigation brings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,6 +25,36 @@ pub struct Brought {
     pub value: &'static str,
     /// Whether another value is another dose of the method; else it is not the method at all, and refused.
     pub is_dose: bool,
+}
+
+impl Brought {
+    /// A setting without which it is not this method.
+    pub const fn fixed(key: &'static str, value: &'static str) -> Self {
+        Self { key, value, is_dose: false }
+    }
+
+    /// A setting whose value is the dose.
+    pub const fn dose(key: &'static str, value: &'static str) -> Self {
+        Self { key, value, is_dose: true }
+    }
+}
+
+/// Gradient steps of S seeds, with what a mitigation remembers from one to the next.
+pub trait Descent: Send {
+    /// One step per seed down its loss and what is added to it; returns the norms of the gradients before clipping, `[S]`.
+    fn descend(&mut self, losses: &mut [&mut dyn Loss<'_>], surroundings: Surroundings<'_>) -> Vec<f32>;
+    /// Ends a row of the log of a seed: what outlasts it goes into the agent.
+    fn save(&mut self, seed: usize, agent: &mut AgentState);
+}
+
+/// What a [`Descent`] works with.
+pub struct Surroundings<'a> {
+    /// What computes.
+    pub engine: &'a mut dyn Engine,
+    /// Gradient steps that each agent has made under mitigations, `[S]`.
+    pub steps: &'a [u64],
+    /// Draws so many states of a seed, by its place.
+    pub draw: &'a dyn Fn(usize, usize, &mut Stream) -> BitBatch,
 }
 
 /// A method against loss of plasticity, as its settings. Every hook has a default that does nothing and costs nothing.
@@ -54,9 +88,9 @@ pub trait Mitigation: Settings + Any + Debug + Send + Sync {
     fn penalty(&self, _network: &Network) -> Option<Arc<dyn Penalty>> {
         None
     }
-    /// The names of the [copies](crate::agent::state::Kept::copies) that it keeps from the first stage on.
-    fn copies(&self) -> &'static [&'static str] {
-        &[]
+    /// What makes the gradient steps of S agents in a stage, where the loss gets what depends on samples beside the minibatch.
+    fn descent(&self, _stage: u16, _outputs: Outputs, _agents: &[&AgentState]) -> Option<Box<dyn Descent>> {
+        None
     }
     /// Acts at the beginning of a stage, the first included.
     fn begin_stage(&self, _patient: &mut Patient<'_>) {}

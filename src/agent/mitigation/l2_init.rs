@@ -1,15 +1,9 @@
 //! L2-Init: the parameters are drawn to where they began, and not to 0 (Kumar, Marklund & Van Roy 2023, "Maintaining
 //! Plasticity in Continual Learning via Regenerative Regularization").
 
-use std::sync::Arc;
-
-use bit_mlp::Decayed;
-
 use super::hooks::Mitigation;
 use super::patient::Patient;
-use crate::agent::engine::{Penalty, Pull, Toward};
-use crate::agent::network::Network;
-use crate::agent::state::AgentState;
+use crate::agent::engine::{Pull, Toward};
 use crate::config::{Settings, Visitor, flag, positive};
 
 /// The name of the copy that holds θ₀.
@@ -55,16 +49,9 @@ impl Mitigation for L2Init {
 
     /// The paper writes λ‖θ − θ₀‖², without a half; clipping sees it, since it is part of the loss.
     fn pull(&self) -> Option<Pull> {
-        let pull = Pull { toward: Toward::Copy(FIRST), coefficient: 2.0 * self.coefficient, covers_all: true };
-        self.is_squared.then_some(pull)
-    }
-
-    fn penalty(&self, _network: &Network) -> Option<Arc<dyn Penalty>> {
-        (!self.is_squared).then(|| Arc::new(self.clone()) as _)
-    }
-
-    fn copies(&self) -> &'static [&'static str] {
-        &[FIRST]
+        let Self { coefficient, is_squared } = *self;
+        let coefficient = if is_squared { 2.0 * coefficient } else { coefficient };
+        Some(Pull { toward: Toward::Copy { name: FIRST, is_squared }, coefficient, covers_all: true })
     }
 
     /// Notes θ₀ once in an agent's life.
@@ -75,17 +62,5 @@ impl Mitigation for L2Init {
 
     fn boxed(&self) -> Box<dyn Mitigation> {
         Box::new(self.clone())
-    }
-}
-
-impl Penalty for L2Init {
-    /// λ(θ − θ₀)/‖θ − θ₀‖, and 0 at θ₀.
-    fn add_to(&self, gradient: &mut [f32], agent: &mut AgentState) {
-        let Some(first) = agent.kept.copies.get(FIRST) else { return };
-        let away = |coefficient| bit_mlp::Pull { coefficient, anchor: Some(first), covered: Decayed::All };
-        let norm = away(1.0).norm(&agent.parameters);
-        if norm > 0.0 {
-            away(self.coefficient / f64::from(norm)).add_to(gradient, &agent.parameters);
-        }
     }
 }

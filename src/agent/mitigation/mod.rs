@@ -28,8 +28,8 @@ mod soft_shrink_perturb;
 mod spectral;
 mod weight_clipping;
 
-pub use churn::{Churn, WithChurn};
-pub use hooks::{Brought, Mitigation};
+pub use churn::{Churn, ChurnRecords, WithChurn};
+pub use hooks::{Brought, Descent, Mitigation, Surroundings};
 pub use l2::{L2, L2Covers, L2Penalty};
 pub use list::{Listed, Mitigations};
 pub use patient::{Patient, Place};

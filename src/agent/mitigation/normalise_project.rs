@@ -1,5 +1,7 @@
 //! Normalise-and-project (Lyle et al. 2024, "Normalization and Effective Learning Rates in Reinforcement Learning").
 
+use bit_mlp::{Block, norm};
+
 use super::hooks::{Brought, Mitigation};
 use super::patient::Patient;
 use crate::agent::engine::Units;
@@ -47,14 +49,14 @@ impl Mitigation for NormaliseProject {
     }
 
     fn brings(&self) -> &'static [Brought] {
-        &[Brought { key: "layer_norm", value: "true", is_dose: false }]
+        const { &[Brought::fixed("layer_norm", "true")] }
     }
 
     /// Notes ρ once in an agent's life.
     fn begin_stage(&self, patient: &mut Patient<'_>) {
         let agent = &mut *patient.agent;
         let norms = || {
-            let of = |block: &bit_mlp::Block| norm(&agent.parameters[block.weight.clone()]);
+            let of = |block: &Block| norm(&agent.parameters[block.weight.clone()]);
             patient.network.hidden_blocks().map(of).collect()
         };
         agent.kept.lists.entry(FIRST.to_owned()).or_insert_with(norms);
@@ -83,9 +85,4 @@ impl Mitigation for NormaliseProject {
     fn boxed(&self) -> Box<dyn Mitigation> {
         Box::new(self.clone())
     }
-}
-
-/// ‖W‖_F.
-fn norm(weight: &[f32]) -> f32 {
-    weight.iter().map(|&w| f64::from(w).powi(2)).sum::<f64>().sqrt() as f32
 }

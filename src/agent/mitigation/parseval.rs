@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use bit_mlp::{Block, Decayed};
+use bit_mlp::Block;
 use nalgebra::{DMatrix, DMatrixView};
 
 use super::hooks::Mitigation;
@@ -76,9 +76,6 @@ impl Mitigation for Parseval {
     }
 }
 
-/// Adds its second slice to its first.
-const AS_IT_IS: bit_mlp::Pull<'static> = bit_mlp::Pull { coefficient: 1.0, anchor: None, covered: Decayed::All };
-
 /// The penalty of a network.
 #[derive(Debug)]
 struct ParsevalPenalty {
@@ -101,7 +98,7 @@ impl Penalty for ParsevalPenalty {
         let mut added = kept.as_slice();
         for layer in &self.layers {
             let (own, rest) = added.split_at(layer.weight.len());
-            AS_IT_IS.add_to(&mut gradient[layer.weight.clone()], own);
+            bit_mlp::add(&mut gradient[layer.weight.clone()], own);
             added = rest;
         }
     }

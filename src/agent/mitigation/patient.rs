@@ -132,12 +132,9 @@ impl Units {
 impl LayerUnits {
     /// Mean |h| of each unit over the samples, `[units]`; of a unit that leaves two values, the mean of their sum.
     pub fn mean_magnitudes(&self) -> Vec<f64> {
-        let samples = (self.activations.len() / self.values.max(1)) as f64;
-        let mut sums = vec![0.0; self.units];
-        for row in self.activations.chunks_exact(self.values.max(1)) {
-            row.iter().enumerate().for_each(|(value, h)| sums[value % self.units] += f64::from(h.abs()));
-        }
-        sums.into_iter().map(|sum| sum / samples).collect()
+        let (of_values, _) = self.means();
+        let of_unit = |unit: usize| of_values[unit..].iter().step_by(self.units).map(|&m| f64::from(m)).sum();
+        (0..self.units).map(of_unit).collect()
     }
 
     /// Means of |h| and of h of each value over the samples, `[K]` each.

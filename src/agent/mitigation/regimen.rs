@@ -2,8 +2,7 @@
 
 use bit_mlp::BitBatch;
 
-use super::churn::{Churn, Churning};
-use super::hooks::Mitigation;
+use super::hooks::{Descent, Mitigation, Surroundings};
 use super::list::Mitigations;
 use super::patient::{Patient, STEPS, steps};
 use crate::agent::engine::{Engine, Loss, Units};
@@ -23,7 +22,8 @@ pub struct Regimen {
     stage: u16,
     /// Gradient steps of each agent so far, counted where mitigations act between them.
     steps: Vec<u64>,
-    churning: Option<Churning>,
+    /// What makes the gradient steps, where it is not the engine alone.
+    descent: Option<Box<dyn Descent>>,
     /// Whether any mitigation ever acts between steps.
     counts_steps: bool,
 }
@@ -37,15 +37,15 @@ impl Regimen {
         copies: &'static [&'static str],
         outputs: Outputs,
         stage: u16,
-        agents: impl Iterator<Item = &'a AgentState> + Clone,
+        agents: impl Iterator<Item = &'a AgentState>,
     ) -> Self {
-        let churn = mitigations.find::<Churn>();
+        let agents: Vec<&AgentState> = agents.collect();
         Self {
-            churning: churn.map(|churn| Churning::new(churn, outputs, stage, agents.clone())),
+            descent: mitigations.iter().find_map(|mitigation| mitigation.descent(stage, outputs, &agents)),
             network,
             copies,
             stage,
-            steps: agents.map(steps).collect(),
+            steps: agents.into_iter().map(steps).collect(),
             counts_steps: mitigations.iter().any(Mitigation::acts_between_steps),
             mitigations: mitigations.clone(),
             optimizer: optimizer.clone(),
@@ -60,8 +60,8 @@ impl Regimen {
         losses: &mut [&mut dyn Loss<'_>],
         draw: &dyn Fn(usize, usize, &mut Stream) -> BitBatch,
     ) -> Vec<f32> {
-        let norms = match &mut self.churning {
-            Some(churning) => churning.descend(engine, losses, &self.steps, draw),
+        let norms = match &mut self.descent {
+            Some(descent) => descent.descend(losses, Surroundings { engine, steps: &self.steps, draw }),
             None => engine.descend(losses),
         };
         self.after_step(engine);
@@ -95,8 +95,8 @@ impl Regimen {
 
     /// Writes what it counts into the agent, at the end of a row of the log.
     pub fn save(&mut self, seed: usize, agent: &mut AgentState) {
-        if let Some(churning) = &mut self.churning {
-            churning.save(seed, agent);
+        if let Some(descent) = &mut self.descent {
+            descent.save(seed, agent);
         }
         if self.counts_steps {
             agent.kept.numbers.insert(STEPS.to_owned(), self.steps[seed]);

@@ -94,14 +94,10 @@ impl Mitigation for SelfNormalisedResets {
     fn after_step(&self, patient: &mut Patient<'_>, units: &Units) {
         let fired = fired(units);
         let longest = self.longest as usize;
-        let lists = &mut patient.agent.kept.lists;
-        let mut list = |name: &str, len: usize, value: f32| {
-            // Lists of another length are of other settings.
-            lists.remove(name).filter(|list| list.len() == len).unwrap_or_else(|| vec![value; len])
-        };
-        let mut age = list(AGE, fired.len(), 0.0);
-        let mut threshold = list(THRESHOLD, fired.len(), self.threshold as f32);
-        let mut gaps = list(GAPS, fired.len() * longest, 0.0);
+        let kept = &mut patient.agent.kept;
+        let mut age = kept.take_list(AGE, fired.len(), 0.0);
+        let mut threshold = kept.take_list(THRESHOLD, fired.len(), self.threshold as f32);
+        let mut gaps = kept.take_list(GAPS, fired.len() * longest, 0.0);
 
         let mut reset = Vec::new();
         for (unit, (place, has_fired)) in fired.into_iter().enumerate() {

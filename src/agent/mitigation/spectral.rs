@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use bit_mlp::Block;
+use bit_mlp::{Block, norm};
 
 use super::hooks::Mitigation;
 use crate::agent::engine::Penalty;
@@ -109,9 +109,4 @@ impl SpectralPenalty {
         let factor = 2.0 * (self.settings.coefficient * f64::from(power)) as f32 * norm(bias).powi(2 * power - 2);
         gradient.iter_mut().zip(bias).for_each(|(g, b)| *g += factor * b);
     }
-}
-
-/// ‖v‖₂.
-fn norm(vector: &[f32]) -> f32 {
-    vector.iter().map(|v| v * v).sum::<f32>().sqrt()
 }

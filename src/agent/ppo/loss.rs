@@ -2,8 +2,9 @@
 
 use coverage_env::Action;
 
-use super::rollout::{Rollout, log_softmax};
+use super::rollout::Rollout;
 use super::settings::PpoConfig;
+use crate::agent::choice::log_softmax;
 use crate::agent::engine::{Column, Loss, Pass, Statement, Weights};
 
 /// Where the towers stand in the network.

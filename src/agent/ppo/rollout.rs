@@ -5,6 +5,7 @@ use coverage_env::random::below;
 use coverage_env::{Action, Level, Scene, Sensor, State, VecEnv};
 use rand::Rng;
 
+use crate::agent::choice::log_softmax;
 use crate::agent::observe::{observations, observe};
 
 /// The rollout of one seed: T steps of N environments, stored time-major, `[T, N]`.
@@ -145,11 +146,4 @@ impl Rollout {
         let total = variance(&|i| self.returns[i].into());
         if total == 0.0 { f64::NAN } else { 1.0 - variance(&|i| f64::from(self.returns[i] - self.values[i])) / total }
     }
-}
-
-/// ln softmax of four logits.
-pub fn log_softmax(logits: &[f32]) -> [f32; Action::COUNT] {
-    let largest = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-    let sum: f32 = logits.iter().map(|z| (z - largest).exp()).sum();
-    std::array::from_fn(|a| logits[a] - largest - sum.ln())
 }

@@ -1,6 +1,22 @@
-//! Products of a matrix with vectors, and of two vectors: what a spectral norm and its gradient need.
+//! Sums, norms and products of vectors, for penalties and projections of whole layers.
 
 use pulp::{Arch, Simd, WithSimd};
+
+use crate::adam::{Decayed, SumSquares};
+use crate::pull::Pull;
+
+/// `sum ← sum + values`.
+///
+/// # Panics
+/// If the lengths differ.
+pub fn add(sum: &mut [f32], values: &[f32]) {
+    Pull { coefficient: 1.0, anchor: None, covered: Decayed::All }.add_to(sum, values);
+}
+
+/// `‖values‖₂`.
+pub fn norm(values: &[f32]) -> f32 {
+    Arch::new().dispatch(SumSquares { values, added: None }).sqrt()
+}
 
 /// `along = W u` and `product = Wᵀ W u`, in one pass over W, `[rows, columns]` row-major; u and `product` are `[columns]`,
 /// and `along` is `[rows]`.
